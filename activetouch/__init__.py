@@ -34,6 +34,7 @@ _OF_COMMANDS = {
     "find": "meshes.find",
     "identify": "meshes.identify",
     "make_sensor": "sensor.make_sensor",
+    "on_cluster": "parallel.cluster",
 }  # functions by the modules of experiments
 
 __all__ = [
@@ -55,6 +56,7 @@ __all__ = [
     "find",
     "identify",
     "make_sensor",
+    "on_cluster",
     "predicted_contacts",
     "read_meshes",
 ]

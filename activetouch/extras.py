@@ -20,8 +20,10 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "contrib": ("sb3_contrib",),
         "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
+        "cluster": ("distributed",),
         "meshes": ("trimesh", "collada", "lxml", "networkx"),
-        "recorded": ("sklearn",),  # of examples
+        "view": ("rerun",),
+        "recorded": ("sklearn",),  # of belief.estimators, and of examples
         "formats": ("pyarrow", "mcap"),  # of examples
     }
 )

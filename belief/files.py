@@ -1,4 +1,4 @@
-"""Atomic writing of files, bounded reading of regular ones, and digests: of JSON, arrays and source."""
+"""Atomic writing of files, claims of folders, bounded reading of regular files, digests of JSON, arrays and source."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import stat
 import sys
 import tempfile
 import zipfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 from urllib.parse import quote
 
 import numpy as np
@@ -25,6 +26,9 @@ from numpy.typing import NDArray
 
 from belief.codec import array_of
 from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @contextmanager
@@ -83,16 +87,6 @@ def _link(temporary: Path, path: Path) -> None:
         raise
     except OSError:
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
-
-
-def create_text(path: Path, text: str) -> bool:
-    """Write a text file, atomically, unless the file exists; return whether it was written."""
-    try:
-        with atomic_path(path, only_new=True) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except FileExistsError:
-        return False
-    return True
 
 
 def require_writable(folder: Path) -> None:
@@ -340,3 +334,83 @@ def is_standard(name: str) -> bool:
 def is_installed(file: str) -> bool:
     """Whether a source file was installed with a package."""
     return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
+
+
+_CLAIMED: dict[Path, tuple[int | None, list[Path]]] = {}  # handle of each folder, and the folders created for it
+
+
+def claim_folder(folder: Path) -> None:
+    """Check that files can be written into a folder, and claim it for this process, which may claim it several times.
+
+    The claim ends with the function decorated with :func:`ends_claims`, or with this process. Windows and some network
+    file systems have no lock for a folder; there a claim does not exclude others.
+    """
+    require_writable(folder)
+    if (path := folder.resolve()) in _CLAIMED:
+        return
+    created = [parent for parent in (path, *path.parents) if not parent.exists()]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    _CLAIMED[path] = _locked(path), created
+
+
+def ends_claims(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorator that ends the claims of a function with it, and removes folders created for them if they are empty."""
+
+    @wraps(function)
+    def with_claims(*args: P.args, **kwargs: P.kwargs) -> T:
+        before = set(_CLAIMED)
+        try:
+            return function(*args, **kwargs)
+        finally:
+            for path in [path for path in _CLAIMED if path not in before]:
+                _release(*_CLAIMED.pop(path))
+
+    return with_claims
+
+
+def lock(handle: int, in_use: str) -> bool:
+    """Lock an open file or folder until its handle is closed; False where there are no such locks."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise CannotWrite(in_use) from error
+    except OSError:  # the file system has none
+        return False
+    return True
+
+
+def _locked(folder: Path) -> int | None:
+    """A handle of a folder that is locked until the handle is closed; None where a folder has no locks."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # a folder that may be written and not be listed, and any folder on Windows
+        return None
+    told = (
+        f"{folder} is in use: another process writes its results there. Wait until that process ends, or choose "
+        "another --out"
+    )
+    if not lock(handle, told):
+        os.close(handle)
+        return None
+    if folder.is_dir() and os.path.samestat(os.fstat(handle), folder.stat()):
+        return handle
+    os.close(handle)  # the folder was removed at the end of another claim
+    folder.mkdir(parents=True, exist_ok=True)
+    return _locked(folder)
+
+
+def _release(handle: int | None, created: list[Path]) -> None:
+    """Remove the created folders that are empty, then unlock."""
+    with suppress(OSError):
+        for folder in created:
+            folder.rmdir()
+    if handle is not None:
+        os.close(handle)

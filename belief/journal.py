@@ -26,11 +26,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from belief.claims import lock
 from belief.codec import array_field as array_field  # documented here
 from belief.codec import array_from as array_from
 from belief.errors import CannotWrite, CorruptFile
-from belief.files import atomic_path, cannot_write, require_regular_file, sealed_json, unsealed_json
+from belief.files import atomic_path, cannot_write, lock, require_regular_file, sealed_json, unsealed_json
 
 MOST_BYTES = 1 << 30
 """Largest journal that is read."""

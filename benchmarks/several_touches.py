@@ -26,9 +26,8 @@ from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.sensor_files import READER_FILE
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty
-from belief.files import write_text
+from belief.files import claim_folder, ends_claims, write_text
 from belief.observation_model import ArrayModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.rigid_body import RigidBodyModel

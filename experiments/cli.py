@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -120,7 +121,7 @@ def _run(arguments: list[str]) -> None:
             sys.exit(f"activetouch: {error}")
     try:
         with running(), plain_warnings():
-            with ForeignCode():
+            with ForeignCode(), _cluster_of(command):
                 command.run()
             if OPEN in arguments:
                 _open_page()
@@ -133,6 +134,18 @@ def _run(arguments: list[str]) -> None:
         sys.exit(f"activetouch: {missing_package([module], extra)}")
     except (ActiveTouchError, FileNotFoundError) as error:
         sys.exit("\n".join([f"activetouch: {error}", *getattr(error, "__notes__", [])]))
+
+
+def _cluster_of(command: Any) -> AbstractContextManager[None]:
+    """The context in which a command works on the cluster that it names, if any."""
+    from experiments.command_line.arguments import BadArgument, Cluster
+
+    options = getattr(command, "cluster", Cluster())
+    if options.cluster is not None:
+        return import_module("experiments.parallel.cluster").on_cluster(options.cluster, dashboard=options.dashboard)
+    if options.dashboard:
+        raise BadArgument("--dashboard is that of a cluster: add --cluster, such as --cluster local:8")
+    return nullcontext()
 
 
 def _open_page() -> None:

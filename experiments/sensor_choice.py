@@ -140,7 +140,7 @@ def embed_all(reader: TactileReader, scene: Scene, plan: NestedPlan, jobs: int |
     if missing := to_embed(reader.hypotheses, scene, plan.views):
         tasks = [partial(_embed, reader.hypotheses, plain, solid, plan.views) for solid in missing]
         costs = list(map(view_seconds, missing))
-        list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies", costs))
+        list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies", costs, fills_cache=True))
 
 
 def _embed(hypotheses: Any, scene: Scene, solid: Shape, views: ViewPlan) -> None:
@@ -164,7 +164,7 @@ def predict_contacts(reader: TactileReader, scene: Scene, num_hypotheses: int, j
     if reader.card.imaging is not None:
         shared = Shared(HypothesisTable(reader, scene))
         tasks = [partial(_predict, shared, num_hypotheses, pose) for pose in range(len(scene.poses))]
-        for _ in run_tasks(tasks, jobs, "predicting contacts"):
+        for _ in run_tasks(tasks, jobs, "predicting contacts", fills_cache=True):
             pass
 
 

@@ -91,6 +91,14 @@ def commit_of_code() -> str:
         return ""
 
 
+@lru_cache(maxsize=1)
+def code_versions() -> dict[str, str]:
+    """The :func:`versions`, the commit of this code, and a digest of its source."""
+    root = Path(__file__).parents[1]
+    files = sorted(path for package in OWN_PACKAGES for path in (root / package).rglob("*.py"))
+    return versions() | {"commit": commit_of_code(), "code": files_digest(files)[:12]}
+
+
 def code_digest(*modules: str) -> str:
     """SHA-256 of the source of modules and of all that they import, except what is installed as a package."""
     known: dict[str, str] = {}

@@ -103,8 +103,8 @@ def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> 
     return keyed_rng([plan.seed, SPLITS.index(split), number, draw], is_fixed_length=True)
 
 
-def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
-    """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically.
+def touches_of(scene: Scene, plan: CollectionPlan, split: str, objects: range) -> TouchSet:
+    """Touch each object in every pose, in as many rounds as planned: a shard.
 
     An object with a press that does not settle is replaced, all its touches with it.
 
@@ -113,16 +113,19 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
         plan: of the collection.
         split: of the objects.
         objects: their numbers.
-        path: of the shard.
 
     Raises:
         UnstablePress: objects drawn one after the other for the same place could not be pressed.
     """
     rows = [row for number in objects for row in touch_object(scene, plan, split, number, _touch)]
-    columns = zip(TouchSet.__dataclass_fields__, zip(*rows, strict=True), strict=True)
-    arrays = {name: np.stack(column) for name, column in columns}
+    return TouchSet(*map(np.stack, zip(*rows, strict=True)))
+
+
+def write_shard(touches: TouchSet, split: str, path: Path) -> None:
+    """Write a shard of a split, atomically."""
+    arrays = {name: getattr(touches, name) for name in TouchSet.__dataclass_fields__}
     with atomic_path(path) as temporary:
-        np.savez(temporary, **arrays, split=np.array(SPLITS.index(split)))  # type: ignore[arg-type]  # numpy takes it
+        np.savez(temporary, **arrays, split=np.array(SPLITS.index(split)))
 
 
 def touch_object(
@@ -134,7 +137,7 @@ def touch_object(
 ) -> list[T]:
     """The result of ``touch`` for each touch of an object of a plan, or of the next one drawn for its place.
 
-    Its arguments are scene, object, number of the object, pose and generator; see :func:`record_shard`.
+    Its arguments are scene, object, number of the object, pose and generator; see :func:`touches_of`.
     """
     poses = list(range(len(scene.poses))) * plan.repeats
     shape = number % len(scene.shapes)

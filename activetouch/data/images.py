@@ -6,6 +6,7 @@ renderer and press simulate time, it gives several, from a window that slides ov
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,19 +36,22 @@ def window_images(scene: Scene, contact: Contact, number: int, rng: np.random.Ge
     return [read_out(windows[index], scene.faults, rng) for index in chosen]
 
 
-def write_object(scene: Scene, plan: CollectionPlan, split: str, number: int, folder: Path) -> None:
-    """Write the images of one object of a plan as ``SPLIT/SHAPE/OBJECT-IMAGE.png``, unless they are there.
-
-    The bytes depend on scene and plan only; row 0 of an image is the lowest z of the pad.
-    """
+def image_path(folder: Path, scene: Scene, split: str, number: int, index: int = 0) -> Path:
+    """The path of an image of an object; its first one is written last."""
     label = scene.shape_labels[number % len(scene.shapes)]
-    place = folder / split / in_file_name(label, "-")
-    place.mkdir(parents=True, exist_ok=True)
-    if (place / f"{number:06d}-000.png").exists():  # the last that is written
-        return
-    images = [image for touch in touch_object(scene, plan, split, number, _images) for image in touch]
+    return folder / split / in_file_name(label, "-") / f"{number:06d}-{index:03d}.png"
+
+
+def images_of(scene: Scene, plan: CollectionPlan, split: str, number: int) -> list[NDArray[np.uint8]]:
+    """The images of one object of a plan; row 0 is the lowest z of the pad. They depend on scene and plan only."""
+    return [image for touch in touch_object(scene, plan, split, number, _images) for image in touch]
+
+
+def write_images(images: Sequence[NDArray[np.uint8]], folder: Path, scene: Scene, split: str, number: int) -> None:
+    """Write the images of an object as ``SPLIT/SHAPE/OBJECT-IMAGE.png``."""
+    image_path(folder, scene, split, number).parent.mkdir(parents=True, exist_ok=True)
     for index in reversed(range(len(images))):
-        with atomic_path(place / f"{number:06d}-{index:03d}.png") as temporary:
+        with atomic_path(image_path(folder, scene, split, number, index)) as temporary:
             Image.fromarray(images[index]).save(temporary)
 
 

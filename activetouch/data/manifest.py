@@ -22,7 +22,7 @@ from activetouch.scene_description import in_words, scene_differences, scene_fie
 from belief.codec import from_fields, to_fields
 from belief.constraints import Checked, Within
 from belief.errors import CorruptFile
-from belief.files import create_text, require_regular_file, sealed_json, unsealed_json
+from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 
 SPLITS = ("train", "calibration", "test")
 FORMAT = 4
@@ -140,8 +140,8 @@ def write_manifest(
                 f"{folder} holds {len(unexplained)} shards without a manifest.json, so nobody knows of which scene. "
                 "Restore it from a copy, or choose another folder"
             )
-        if create_text(folder / "manifest.json", wanted.to_json()):
-            return wanted
+        write_text(folder / "manifest.json", wanted.to_json())
+        return wanted
     first = read_manifest(folder)
     mine, asked = first.decisive, wanted.decisive
     if differing := [key for key in _DECISIVE if mine[key] != asked[key]]:

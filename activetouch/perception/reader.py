@@ -353,9 +353,6 @@ class HypothesisTable:
     def _kept(self) -> dict[tuple[int, int], NDArray[np.floating]]:
         return {}
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name != "_kept"}
-
     def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
         if self.reader.hypotheses is None:
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")

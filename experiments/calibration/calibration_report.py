@@ -15,8 +15,8 @@ from activetouch.scene import Scene
 from activetouch.sensor_files import READER_FILE
 from belief import metrics
 from belief.calibration import CALIBRATIONS, Calibration, TemperatureScaling
-from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
+from belief.files import claim_folder, ends_claims
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import KINDS, RAW, UNDISCOUNTED, Measurements, Rounds, score_model
 from experiments.command_line.arguments import Seed, Trust, check_arguments

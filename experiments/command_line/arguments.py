@@ -39,6 +39,21 @@ Picture: TypeAlias = Annotated[Path, Ending((".png", ".svg", ".pdf", ".jpg"))]
 """File name of a figure."""
 
 
+@dataclass(frozen=True)
+class Cluster:
+    """Work on the workers of a Dask cluster."""
+
+    cluster: str | None = None
+    """Address of a Dask scheduler, as tcp://HOST:PORT, whose workers work in place of --jobs; or local:8, a cluster of
+    8 processes."""
+    dashboard: bool = False
+    """Print the address of the cluster's dashboard, a page on the progress of each task."""
+
+
+OnCluster: TypeAlias = tyro.conf.OmitArgPrefixes[Cluster]
+"""Options of a command whose tasks can go to a cluster (:mod:`experiments.parallel.cluster`)."""
+
+
 def check_arguments(command: Any, prefix: str = "--") -> None:
     """Check all arguments of a command, nested groups included, against their annotations; raises BadArgument."""
     for flag, value, kind in arguments(command, prefix):

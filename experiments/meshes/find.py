@@ -16,8 +16,8 @@ import numpy as np
 
 from activetouch.errors import MeshWarning
 from activetouch.named_scenes import SCENES, NamedScene
-from belief.claims import ends_claims
 from belief.errors import InvalidArgument
+from belief.files import ends_claims
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.table import Table
 from belief.validation import require_count

@@ -18,15 +18,15 @@ from activetouch.mesh_source import labelled_sources, warn_of
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
-from belief.claims import claim_folder
 from belief.constraints import Positive, Probability, Share
 from belief.errors import InvalidArgument
+from belief.files import claim_folder
 from belief.naming import index_of
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular, ends
 from belief.validation import Floats
-from experiments.command_line.arguments import Jobs, Seed, check_arguments
+from experiments.command_line.arguments import Cluster, Jobs, OnCluster, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
 from experiments.meshes.setting import (
@@ -149,6 +149,8 @@ class MeshOptions(ABC):
     """Seed of objects and touches."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
     out: Path
     """Folder for the report."""
 

@@ -10,10 +10,9 @@ from typing import Annotated, Any, Literal
 
 from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty
-from belief.files import sealed_json
-from experiments.command_line.arguments import Count, Jobs, Pixels, Seed, check_arguments
+from belief.files import claim_folder, ends_claims, sealed_json
+from experiments.command_line.arguments import Cluster, Count, Jobs, OnCluster, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.paper import table1, table2
 from experiments.paper.table1 import record_windows
@@ -70,6 +69,8 @@ class Reproduce:
     """Folder for trainings and searches, report.html, reproduce.md with all tables, figure3.svg, and the numbers."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes, and of threads for training."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
 
     @ends_claims
     def run(self) -> None:

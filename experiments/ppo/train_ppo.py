@@ -13,9 +13,8 @@ from activetouch.extras import require_extra
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import POLICIES, READER_FILE, fitted_model
-from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
-from belief.files import write_text
+from belief.files import claim_folder, ends_claims, write_text
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import GOAL
 from experiments.command_line.arguments import BadArgument, Count, Jobs, check_arguments

@@ -16,9 +16,8 @@ from activetouch.poses import Placement, Quaternion
 from activetouch.pressing.dynamic import GuardedMove
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
-from belief.claims import ends_claims
 from belief.constraints import Ending
-from belief.files import atomic_path, require_writable_file
+from belief.files import atomic_path, ends_claims, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import BadArgument, Count, Picture, Seed, check_arguments
 from experiments.parallel import progress_bar

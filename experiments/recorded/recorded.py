@@ -15,8 +15,8 @@ from activetouch.recorded.formats import Format
 from activetouch.recorded.reader import kinds_of
 from activetouch.recorded.touches import splits_of
 from activetouch.sensor import RecordedSensor
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty, Share, Within
+from belief.files import claim_folder, ends_claims
 from belief.naming import few
 from belief.references import build, find
 from experiments.command_line.arguments import BadArgument, Count, CountOrNone, Seed, check_arguments

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import Fraction
+from belief.files import claim_folder, ends_claims
 from belief.seeding import keyed_rng
 from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
-from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
+from experiments.command_line.arguments import Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
 from experiments.report import Report, Reported, Section
 from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
@@ -189,6 +189,8 @@ class Robustness:
     """Folder for the results; runs/robustness-SCENE by default."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
     anyway: bool = False
     """Use the sensor in a scene that it was not made for, and take this scene as the training world."""
 

@@ -22,7 +22,7 @@ from belief.observation_model.model import ObservationModel
 from belief.references import ForeignCode
 from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
 from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, CompositionName, Searches, Setting, play_episodes
@@ -212,6 +212,8 @@ class Certify:
     """File to write; by default certificate-DECIDER-RISK.json in the working folder."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the result does not depend on it."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
 
     def run(self) -> None:
         """Play the calibration searches, print the certificate and write it; raises as :func:`certify`."""

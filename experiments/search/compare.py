@@ -13,7 +13,7 @@ import tyro
 from belief.codec import from_fields
 from belief.files import require_regular_file, unsealed_json
 from belief.table import Table
-from experiments.command_line.arguments import BadArgument, Count, InFile, Jobs, Seed, Trust
+from experiments.command_line.arguments import BadArgument, Cluster, Count, InFile, Jobs, OnCluster, Seed, Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import in_file_names
 from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, played, prepared
@@ -61,6 +61,8 @@ class Compare:
     comparison in it replaces the report; searches of other deciders are kept."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
     results: tuple[Path, ...] = ()
     """Play nothing; compare these: run folders, CSV files with seed, task, success (and length), or LeRobot's JSON."""
     control: tuple[Path, ...] = ()

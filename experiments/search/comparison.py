@@ -17,13 +17,14 @@ from activetouch.sensor_files import ANY_OBJECT_FILE, NOT_SIMULATED, POLICIES
 from belief.constraints import Constraint
 from belief.errors import UnknownName
 from belief.files import require_writable
+from belief.observation_model.embedded_hypotheses import EmbedsByPose
 from belief.observation_model.model import GivesLogits
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import SearchProblem
 from belief.references import ForeignCode
 from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Trust, check_arguments
-from experiments.parallel import default_jobs
+from experiments.parallel import ENGINE, default_jobs
 from experiments.scene_choice import SceneChoice
 from experiments.search.play import CompositionName, FullInformation, Searches, Setting, identity_of, prepare
 from experiments.search.run import Cell, Run, RunFolder, read_episode
@@ -277,6 +278,9 @@ def prepared(
     model = joint_model(sensor.model)
     if ANY_OBJECT_FILE not in [file.name for file in files] and model is not None:
         predict_contacts(sensor.reader, sensor.scene, model.num_hypotheses, jobs)
+        if ENGINE.get() is not None and isinstance(model.hypotheses, EmbedsByPose):  # workers have another cache
+            for pose in range(model.num_poses):
+                model.hypotheses.in_pose(model.num_hypotheses, pose)
     table = sensor.model.outcome_table()
     made = {
         name: copyable(player, table, sensor.model, folder / POLICIES, name=name) for name, player in players.items()

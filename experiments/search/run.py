@@ -23,13 +23,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import (
     atomic_path,
     cannot_write,
-    create_text,
+    claim_folder,
+    ends_claims,
     in_file_name,
     require_regular_file,
     sealed_json,
@@ -86,10 +85,10 @@ class RunFolder:
             return
         run = {"format": _FORMAT, "identity": identity, "arguments": arguments, "commit": commit_of_code()}
         file = self.path / "run.json"
-        if not create_text(file, sealed_json({**run, "episodes": sealed}) + "\n"):
-            self.require(identity)  # another process may have started another run
+        if file.exists():
+            self.require(identity)
             sealed = self.read_run().get("episodes") if sealed is None else sealed
-            write_text(file, sealed_json({**run, "episodes": sealed}) + "\n")
+        write_text(file, sealed_json({**run, "episodes": sealed}) + "\n")
 
     def finish(
         self, identity: Mapping[str, Any], arguments: Mapping[str, Any], lines: Mapping[Cell, list[str]]
@@ -285,8 +284,14 @@ class Run:
             for target in self.targets
         }
 
+    @ends_claims
     def play(self, jobs: int | None = None) -> None:
-        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished."""
+        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished.
+
+        One run at a time may write into a folder.
+        """
+        if self.folder.path is not None:
+            claim_folder(self.folder.path)
         self.folder.require(self.searches.identity)
         self._tell_outdated()
         is_started = False
@@ -302,15 +307,15 @@ class Run:
         return {cell: self.folder.lines(cell, key)[: self.episodes] for cell, key in self.keys.items()}
 
     def _tasks(self) -> list[Task[tuple[Cell, int, Batch]]]:
-        """The missing batches in random order, so that processes that fill one folder rarely play the same."""
-        shared, tasks = Shared((self.searches, self.deciders)), []
+        """The missing batches."""
+        shared, tasks = Shared((self.searches, self.deciders)), list[Task[tuple[Cell, int, Batch]]]()
         for cell, key in self.keys.items():
             held = self.folder.held(cell, key)
             for number, first in enumerate(range(0, self.episodes, EPISODES_PER_BATCH)):
                 numbers = range(first, min(first + EPISODES_PER_BATCH, self.episodes))
                 if number not in held or len(held[number].lines) < len(numbers):
                     tasks.append(partial(_play_batch, shared, cell, number, numbers))
-        return [tasks[index] for index in np.random.default_rng().permutation(len(tasks))]
+        return tasks
 
     def _tell_outdated(self) -> None:
         """Say on stderr which deciders have only searches of another version, which are played again."""

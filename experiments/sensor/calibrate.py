@@ -21,9 +21,8 @@ from activetouch.scene import Scene
 from activetouch.scene_description import in_words
 from activetouch.sensor_files import INDEPENDENT_FILE, OBSERVATION_FILE, READER_FILE
 from belief.calibration import TemperatureScaling
-from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
-from belief.files import write_text
+from belief.files import claim_folder, ends_claims, write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, class_named, fit_named, fits

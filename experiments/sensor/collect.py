@@ -5,22 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
+import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 from activetouch import Scene
-from activetouch.data.dataset import read_shard, record_shard
-from activetouch.data.images import write_object
+from activetouch.data.dataset import TouchSet, read_shard, touches_of, write_shard
+from activetouch.data.images import image_path, images_of, write_images
 from activetouch.data.manifest import CollectionPlan, Manifest, shard_path, write_manifest
 from activetouch.scene import require_no_hand
 from belief.constraints import Within
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
-from experiments.parallel import run_tasks
+from belief.files import claim_folder, ends_claims
+from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
+from experiments.parallel import Shared, Task, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, collection_folder
 
 _TEMPORARY = ("*/.?????.npz.*.npz", "*/*/.??????-???.png.*.png", ".manifest.json.*.json")  # of atomic_path
+_World: TypeAlias = Shared[tuple[Scene, CollectionPlan]]
 ObjectCount: TypeAlias = Annotated[int, Within(0, 2**32 - 1)]
 
 
@@ -73,6 +78,8 @@ class Collect:
     """Objects per shape and split, and rounds of poses that each is touched in."""
     jobs: Jobs | None = None
     """Processes; as many as processors by default. The bytes do not depend on it."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
     images: Path | None = None
     """Folder for images as PNG, in place of a collection."""
 
@@ -96,41 +103,47 @@ def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int |
     return record(choice.named.scene, plan, folder, jobs, choice.to_dict())
 
 
+@ends_claims
 def record(
     scene: Scene, plan: CollectionPlan, folder: Path, jobs: int | None, choice: Mapping[str, Any] | None = None
 ) -> Manifest:
     """Record what a folder lacks of a collection, and check the rest; the bytes do not depend on ``jobs``."""
-    require_no_hand(scene.hand, "a collection")
-    litter = _litter(folder)
-    manifest = write_manifest(folder, scene, plan, choice)
-    tasks = [partial(_record, folder, scene, manifest, *shard) for shard in manifest.shards()]
-    list(run_tasks(tasks, jobs, f"touching objects → {folder}"))
-    for path in litter:
-        path.unlink(missing_ok=True)
+    manifest = _begun(folder, scene, plan, choice)
+    shared, tasks = Shared((scene, manifest.plan)), list[Task[tuple[TouchSet, str, Path]]]()
+    for split, shard, objects in manifest.shards():
+        if (path := shard_path(folder, split, shard)).exists():
+            read_shard(folder, manifest, split, shard, objects)
+        else:
+            tasks.append(partial(_record, shared, split, objects, path))
+    for recorded in run_tasks(tasks, jobs, f"touching objects → {folder}"):
+        write_shard(*recorded)
     return manifest
 
 
-def _litter(folder: Path) -> list[Path]:
-    """Temporary files that a killed run left; those that appear later are another process's."""
-    return [path for pattern in _TEMPORARY for path in folder.glob(pattern)]
-
-
+@ends_claims
 def collect_images(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int | None) -> int:
     """Write the images of a plan that a folder lacks (:mod:`activetouch.data.images`); the number of those there."""
     scene = choice.named.scene
-    require_no_hand(scene.hand, "a collection")
-    litter, manifest = _litter(folder), write_manifest(folder, scene, plan, choice.to_dict())
+    manifest, shared = _begun(folder, scene, plan, choice.to_dict()), Shared((scene, plan))
     objects = [(split, number) for split, _, numbers in manifest.shards() for number in numbers]
-    tasks = [partial(write_object, scene, plan, split, number, folder) for split, number in objects]
-    list(run_tasks(tasks, jobs, f"images of touches → {folder}"))
-    for path in litter:
-        path.unlink(missing_ok=True)
+    tasks = [partial(_taken, shared, *one) for one in objects if not image_path(folder, scene, *one).exists()]
+    for images, split, number in run_tasks(tasks, jobs, f"images of touches → {folder}"):
+        write_images(images, folder, scene, split, number)
     return len(list(folder.glob("*/*/*.png")))
 
 
-def _record(folder: Path, scene: Scene, manifest: Manifest, split: str, shard: int, objects: range) -> None:
-    """Check a shard, or record it where it is missing."""
-    if (path := shard_path(folder, split, shard)).exists():
-        read_shard(folder, manifest, split, shard, objects)
-    else:
-        record_shard(scene, manifest.plan, split, objects, path)
+def _begun(folder: Path, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None) -> Manifest:
+    """Claim the folder of a collection for this process, and begin or continue it without what a killed run left."""
+    require_no_hand(scene.hand, "a collection")
+    claim_folder(folder)
+    for path in chain.from_iterable(map(folder.glob, _TEMPORARY)):
+        path.unlink(missing_ok=True)
+    return write_manifest(folder, scene, plan, choice)
+
+
+def _record(shared: _World, split: str, objects: range, path: Path) -> tuple[TouchSet, str, Path]:
+    return touches_of(*shared.value, split, objects), split, path
+
+
+def _taken(shared: _World, split: str, number: int) -> tuple[list[NDArray[np.uint8]], str, int]:
+    return images_of(*shared.value, split, number), split, number

@@ -17,8 +17,8 @@ from activetouch.perception.reader import TactileReader, resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
 from activetouch.sensor_files import ANY_OBJECT_FILE, READER_FILE
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotNegative, Positive
+from belief.files import claim_folder, ends_claims
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Pixels, Seed, check_arguments
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder

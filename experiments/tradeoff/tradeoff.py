@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import MODELS
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty, Positive, Share
 from belief.errors import UnknownName
-from belief.files import in_file_name
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
+from belief.files import claim_folder, ends_claims, in_file_name
+from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.tradeoff.report import SHARES, Configuration, Measured, TradeoffReport, sweep
 
@@ -54,6 +53,8 @@ class Tradeoff:
     """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and the figure."""
     jobs: Jobs = 1
     """Number of processes; the results do not depend on it, except for the times."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
 
     @ends_claims
     def run(self) -> None:

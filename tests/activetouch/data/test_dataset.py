@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from activetouch import Quasistatic, Scene
-from activetouch.data.dataset import object_rng, read_split, record_shard
+from activetouch.data.dataset import object_rng, read_split, touches_of, write_shard
 from activetouch.data.manifest import SPLITS, CollectionPlan, read_manifest, shard_path, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.poses import Placement, multiply
@@ -33,7 +33,7 @@ def original(tmp_path_factory):
     folder = tmp_path_factory.mktemp("touches")
     manifest = write_manifest(folder, SCENE, PLAN)
     for split, shard, objects in manifest.shards():
-        record_shard(SCENE, PLAN, split, objects, shard_path(folder, split, shard))
+        write_shard(touches_of(SCENE, PLAN, split, objects), split, shard_path(folder, split, shard))
     return folder
 
 
@@ -84,7 +84,7 @@ def test_the_first_round_of_touches_does_not_depend_on_how_many_follow(original,
     plan = CollectionPlan(train=0, calibration=1, test=0, repeats=3)
     manifest = write_manifest(tmp_path, SCENE, plan)
     (split, shard, objects), num_poses = next(iter(manifest.shards())), len(manifest.pose_labels)
-    record_shard(SCENE, plan, split, objects, shard_path(tmp_path, split, shard))
+    write_shard(touches_of(SCENE, plan, split, objects), split, shard_path(tmp_path, split, shard))
     rounds = read_split(tmp_path, "calibration").images.reshape(len(objects), 3, num_poses, -1)
     once = read_split(original, "calibration").images.reshape(len(objects), num_poses, -1)
     np.testing.assert_array_equal(rounds[:, 0], once)
@@ -99,7 +99,7 @@ def test_a_plan_that_cannot_be_keyed_is_refused(wrong):
 
 def test_a_shard_recorded_again_has_the_same_bytes(original, tmp_path):
     split, shard, objects = list(PLAN.shards(4))[1]
-    record_shard(SCENE, PLAN, split, objects, tmp_path / "again.npz")
+    write_shard(touches_of(SCENE, PLAN, split, objects), split, tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == shard_path(original, split, shard).read_bytes()
 
 
@@ -118,8 +118,8 @@ class Fragile(Press):
 def test_an_object_that_cannot_be_pressed_is_replaced_and_the_others_keep_their_touches(original, tmp_path):
     split, shard, objects = list(PLAN.shards(4))[1]
     path, fragile = shard_path(tmp_path, split, shard), replace(SCENE, press_model=Fragile(1.05))
-    record_shard(fragile, PLAN, split, objects, path)
-    record_shard(fragile, PLAN, split, objects, tmp_path / "again.npz")
+    write_shard(touches_of(fragile, PLAN, split, objects), split, path)
+    write_shard(touches_of(fragile, PLAN, split, objects), split, tmp_path / "again.npz")
     assert path.read_bytes() == (tmp_path / "again.npz").read_bytes()
     with np.load(path) as file, np.load(shard_path(original, split, shard)) as unlimited:
         scales = [
@@ -138,7 +138,7 @@ def test_an_object_that_cannot_be_pressed_is_replaced_and_the_others_keep_their_
 def test_a_scene_in_which_nothing_can_be_pressed_names_the_shape_and_the_last_press(tmp_path):
     hopeless = replace(SCENE, press_model=Fragile(0.5))
     with pytest.raises(UnstablePress, match=r"10 objects of the shape 'sphere' in turn .* cannot be collected.*Sphere"):
-        record_shard(hopeless, PLAN, "train", range(4), tmp_path / "never.npz")
+        write_shard(touches_of(hopeless, PLAN, "train", range(4)), "train", tmp_path / "never.npz")
     assert not list(tmp_path.iterdir())
 
 

@@ -9,18 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from belief.claims import claim_folder, ends_claims
 from belief.errors import CannotWrite
+from belief.files import claim_folder, ends_claims
 from experiments.cli import commands
 from tests.experiments.command_line.test_arguments import _NEEDED
 
 fcntl = pytest.importorskip("fcntl")
-SHARED = {"compare", "collect"}  # several processes fill one folder; the first decides what it holds
 IN_ONE_FILE = {"touch", "replay", "export", "certify"}
 WRITERS = [
     name
     for name, kind in commands().items()
-    if any(field.name == "out" for field in fields(kind)) and name not in SHARED | IN_ONE_FILE
+    if any(field.name == "out" for field in fields(kind)) and name not in IN_ONE_FILE
 ]
 
 
@@ -74,7 +73,7 @@ claim = ends_claims(claim_folder)
 
 def test_a_claim_excludes_a_process_and_ends_when_its_own_is_killed(tmp_path):
     program = (
-        f"import pathlib, belief.claims as c; c = c.claim_folder(pathlib.Path({str(tmp_path)!r})); print(); input()"
+        f"import pathlib, belief.files as c; c = c.claim_folder(pathlib.Path({str(tmp_path)!r})); print(); input()"
     )
     with subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         other.stdout.readline()

@@ -71,11 +71,3 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(whole, tmp_path):
     assert lines.count(b"\n") == len(set(lines.splitlines())) == 2 * 60
     assert lines == (whole / "episodes.jsonl").read_bytes()
     assert {key: one.lines for key, one in after.items()} == {key: one.lines for key, one in batches(whole).items()}
-
-
-def test_two_processes_fill_one_folder_at_once(whole, tmp_path):
-    processes = [start(tmp_path / "both") for _ in range(2)]
-    for process in processes:
-        _, errors = process.communicate(timeout=300)
-        assert process.returncode == 0, errors
-    assert (tmp_path / "both" / "episodes.jsonl").read_bytes() == (whole / "episodes.jsonl").read_bytes()

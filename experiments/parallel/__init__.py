@@ -13,6 +13,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from contextvars import ContextVar
 from functools import lru_cache, partial
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -40,6 +41,10 @@ from experiments.command_line.console import plain_console
 T = TypeVar("T")
 Task: TypeAlias = Callable[[], T]
 """A function without arguments; more than one process needs those that can be pickled."""
+Engine: TypeAlias = Callable[[Sequence["partial[Any]"], str], Generator[Any, None, None]]
+"""Yields the results of tasks in order of completion; it has a description of them."""
+ENGINE: ContextVar[Engine | None] = ContextVar("ENGINE", default=None)
+"""What runs tasks in place of the processes of this machine (:mod:`experiments.parallel.cluster`)."""
 
 
 def default_jobs() -> int:
@@ -156,13 +161,17 @@ def _received(file: str, folder: str) -> Shared[Any]:
 
 
 def run_tasks(
-    tasks: Sequence[Task[T]], jobs: int | None, description: str, costs: Sequence[float] | None = None
+    tasks: Sequence[Task[T]],
+    jobs: int | None,
+    description: str,
+    costs: Sequence[float] | None = None,
+    fills_cache: bool = False,
 ) -> Iterator[T]:
     """Yield the result of every task in order of completion; without a number of jobs, on all processors.
 
     One job runs in this process. Linear algebra uses one thread in any case: the last bit of a sum depends on the
     number of threads. Workers end with this process and on an interrupt. The progress bar advances by ``costs``, in any
-    unit.
+    unit. On a cluster, ``jobs`` counts for tasks that fill the cache of this machine alone.
     """
     from threadpoolctl import threadpool_limits
 
@@ -170,19 +179,24 @@ def run_tasks(
     if not tasks:
         return
     shares = [len(tasks) * cost / sum(costs) for cost in costs] if costs else [1.0] * len(tasks)
-    parts = [partial(_with_share, task, share) for task, share in zip(tasks, shares, strict=True)]
-    done = 0.0
+    flat, done = [partial(task) for task in tasks], 0.0  # a partial of a partial is one
+    parts = [
+        partial(_with_share, share, one.func, *one.args, **one.keywords)
+        for share, one in zip(shares, flat, strict=True)
+    ]
+    engine = None if fills_cache else ENGINE.get()
     with threadpool_limits(1), progress_bar() as progress:
         bar = progress.add_task(description, total=len(tasks))
-        with closing((_called(part) for part in parts) if jobs == 1 else _in_parallel(parts, jobs)) as results:
+        here = (called(part) for part in parts) if jobs == 1 else _in_parallel(parts, jobs)
+        with closing(here if engine is None else engine(parts, description)) as results:
             for result, share in results:
                 done += share
                 progress.update(bar, completed=round(done, 6))  # of which the whole part is shown
                 yield result
 
 
-def _with_share(task: Task[T], share: float) -> tuple[T, float]:
-    return task(), share
+def _with_share(share: float, function: Callable[..., T], *arguments: Any, **named: Any) -> tuple[T, float]:
+    return function(*arguments, **named), share
 
 
 def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None]:
@@ -193,7 +207,7 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
     with joblib.parallel_config("loky", inner_max_num_threads=1, **ending):
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
     with block_interrupt():
-        results = parallel(joblib.delayed(_called)(task) for task in tasks)
+        results = parallel(joblib.delayed(called)(task) for task in tasks)
     try:
         yield from results
     except PicklingError as error:
@@ -211,7 +225,7 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
             results.close()
 
 
-def _called(task: Task[T]) -> T:
+def called(task: Task[T]) -> T:
     """The result of a task, which may run code of a user."""
     with ForeignCode():
         return task()
@@ -237,6 +251,11 @@ def _begin_worker(parent: int) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
+    say_no_more()
+
+
+def say_no_more() -> None:
+    """Ignore warnings about files that the process which gives the tasks prints."""
     from planners.ppo import UnknownNormalization
 
     for said in (MeshWarning, UnknownNormalization):
