@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -67,6 +68,10 @@ class PoseBelief(FrozenArrays):
         >>> [(way.prob, way.orientation.tolist()) for way in belief.ways()]
         [(0.7, [0.0, 1.0, 0.0, 0.0]), (0.3, [1.0, 0.0, 0.0, 0.0])]
         """
+        return list(self._ways)
+
+    @cached_property
+    def _ways(self) -> tuple[Way, ...]:
         rest, found = np.flatnonzero(self.probs), list[Way]()
         while len(rest):
             centre = self.orientations[rest[self.probs[rest].argmax()]]
@@ -82,7 +87,7 @@ class PoseBelief(FrozenArrays):
             prob = float(self.probs[near].sum())
             found.append(Way(centre, float(self.probs[near] @ self.sizes[near] / prob), prob))
             rest = np.setdiff1d(rest, near)
-        return sorted(found, key=lambda way: -way.prob)
+        return tuple(sorted(found, key=lambda way: -way.prob))
 
     def credible(self, mass: float = 0.9) -> CredibleSet:
         """The orientations within some angle of the fewest ways to lie, which hold a probability of ``mass``."""

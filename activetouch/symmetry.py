@@ -11,6 +11,7 @@ import scipy  # whose parts load at first use
 from activetouch.poses import Quaternion, hamilton_product, to_matrices
 from activetouch.rotation_cells import centres
 from activetouch.solids.solid import Shape
+from activetouch.solids.triangles import areas
 from activetouch.solids.vectors import Floats, Ints
 from belief.frozen import FrozenArrays
 
@@ -154,11 +155,7 @@ def _second_moments(vertices: Floats, faces: Ints) -> Floats:
     corners = vertices[faces]
     total = corners.sum(axis=1)
     each = np.einsum("fci,fcj->fij", corners, corners) + total[:, :, None] * total[:, None]
-    return np.asarray(np.average(each, axis=0, weights=_areas(corners)) / 12.0)
-
-
-def _areas(corners: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
+    return np.asarray(np.average(each, axis=0, weights=areas(vertices, faces)) / 12.0)
 
 
 def _about(axes: Floats, angles: Floats) -> Floats:
@@ -169,8 +166,7 @@ def _about(axes: Floats, angles: Floats) -> Floats:
 
 def _on_surface(vertices: Floats, faces: Ints, number: int, rng: np.random.Generator) -> Floats:
     """Points that are evenly distributed over triangles, ``(number, 3)``."""
-    corners = vertices[faces]
-    areas = _areas(corners)
-    chosen = corners[rng.choice(len(areas), number, p=areas / areas.sum())]
+    shares = areas(vertices, faces)
+    chosen = vertices[faces[rng.choice(len(faces), number, p=shares / shares.sum())]]
     low, high = np.sort(rng.random((number, 2)), axis=1).T[:, :, None]
     return np.asarray(chosen[:, 0] * low + chosen[:, 1] * (high - low) + chosen[:, 2] * (1.0 - high))

@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 from activetouch.perception.contacts.close_look import CloseContacts
 from activetouch.perception.contacts.hypotheses import cell_of
 from activetouch.perception.imaging import Floats32, Imaging, SensorState, imaging_of, sensor_state
-from activetouch.perception.pressed_beliefs import binned, blurred, pressures
+from activetouch.perception.pressed_beliefs import binned, blurred, compared, pressures
 from activetouch.pose_belief import PoseBelief, turned_slightly
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import Window, predicted_contacts
@@ -31,6 +31,7 @@ from activetouch.solids.solid import Shape
 from activetouch.symmetry import symmetry_of
 from belief.errors import InvalidArgument
 from belief.observation_model.nested_bodies import NestedEvidence
+from belief.observation_model.rigid_body_evidence import joint_evidence
 from belief.validation import Floats
 
 _WAYS = 6  # cells to begin with
@@ -117,26 +118,26 @@ class PoseSearch:
         return cls(scene, imaging, sensor_state(imaging, scene))
 
     def found(
-        self, shape: str, poses: Sequence[int], images: Sequence[NDArray[np.uint8]], starts: Starts, seed: int = 0
+        self, shape: str, poses: Sequence[int], images: Sequence[NDArray[np.uint8]], starts: Starts
     ) -> PoseBelief:
         """How an object lies, by the image felt in each of some poses; the same arguments give the same answer."""
-        solid, rng = self.scene.solids[shape], np.random.default_rng(seed)
+        solid, rng = self.scene.solids[shape], np.random.default_rng(0)
         symmetry = symmetry_of(solid)
-        felt = [binned(image[None].astype(np.float32) / 255.0, self._edge)[0] for image in images]
-        means, spread = list[tuple[Floats, float]](), (starts.width, self._size_spread)
+        felt, means = compared(np.stack(images), self._edge), list[tuple[Floats, float]]()
         for row in np.argsort(-starts.log_probs):
             q = starts.orientations[row]
             if all(symmetry.angles(q, other[None])[0] > starts.width for other, _ in means):
                 means.append((q, float(np.log(starts.sizes[row]))))
             if len(means) == _WAYS:
                 break
-        ways = [_Proposal(*mean, np.diag(np.square([*[spread[0]] * 3, spread[1]]))) for mean in means]
+        wide = np.diag(np.square([*[starts.width] * 3, self._size_spread]))
+        ways = [_Proposal(*mean, wide) for mean in means]
         for drawn in _DRAWN:
             draws = [way.draws(drawn, rng) for way in ways]
             every, log_sizes = (np.concatenate([getattr(one, name) for one in draws]) for name in _PARTS)
             logs = self.log_likelihoods(solid, every, np.exp(log_sizes), poses, felt) + self._log_prior(log_sizes)
-            scores, weights = np.split(logs, len(ways)), np.split(logs, len(ways))
-            weights = [each - one.log_density for each, one in zip(weights, draws, strict=True)]
+            scores = np.split(logs, len(ways))
+            weights = [each - one.log_density for each, one in zip(scores, draws, strict=True)]
             kept = [row for row, each in enumerate(scores) if each.max() > logs.max() - _BEHIND]
             ways = [ways[row].moved(draws[row], weights[row]) for row in kept]
         every, log_sizes = (np.concatenate([getattr(draws[row], name) for row in kept]) for name in _PARTS)
@@ -145,10 +146,11 @@ class PoseSearch:
         return PoseBelief(shape, every, np.exp(log_sizes), probs / probs.sum(), symmetry)
 
     def log_likelihoods(
-        self, solid: Shape, orientations: Floats, sizes: Floats, poses: Sequence[int], felt: Sequence[Floats32]
+        self, solid: Shape, orientations: Floats, sizes: Floats, poses: Sequence[int], felt: Floats32
     ) -> Floats:
         """Log likelihood of the images felt in some poses if the solid lies so, ``(n,)``, up to a constant.
 
+        ``felt (m, e, e)`` are the images as :func:`~activetouch.perception.pressed_beliefs.compared` has them.
         Where the body was, off the approach axis, is unknown in each touch; its force is taken to be the mean.
         """
         total, trust = np.zeros(len(orientations)), _TRUST / (1.0 + _DRIFT * (len(felt) - 1))
@@ -208,14 +210,14 @@ def cells_of(evidence: Any, scene: Scene, shape: int) -> Starts:
     if isinstance(evidence, NestedEvidence) and isinstance(bodies := evidence.model.bodies, CloseContacts):
         cells, logs = bodies.likely(shape, evidence.belief.touches)
         return Starts(centres(2)[cells], np.ones(len(cells)), evidence.belief.scale * logs, _CELL)
-    weights = getattr(getattr(evidence, "nominal", evidence), "log_weights", None)
-    if weights is None:
+    if (joint := joint_evidence(evidence)) is None:
         raise InvalidArgument(
             f"{type(evidence).__name__} knows nothing of how objects lie; use the belief about one rigid body, the "
             "usual one of the scenes gel, coarse, hard and many"
         )
-    lying = scene.hypotheses(weights.shape[1])
-    return Starts(lying.rests, lying.sizes, np.asarray(weights[shape]), cell_of(weights.shape[1]))
+    number = joint.log_weights.shape[1]
+    lying = scene.hypotheses(number)
+    return Starts(lying.rests, lying.sizes, joint.log_weights[shape], cell_of(number))
 
 
 def pose_of(

@@ -74,9 +74,9 @@ class PressedBeliefs:
         return _images(imaging, maps, state, rng)
 
 
-def compared(images: NDArray[np.uint8]) -> Floats32:
-    """Images ``(n, h, w)`` as they are compared, ``(n, e, e)`` in [0, 1]."""
-    return binned(images.astype(np.float32) / 255.0, min(_EDGE, images.shape[1]))
+def compared(images: NDArray[np.uint8], edge: int = _EDGE) -> Floats32:
+    """Images ``(n, h, w)`` as they are compared, ``(n, e, e)`` in [0, 1], ``edge`` pixels along an edge at most."""
+    return binned(images.astype(np.float32) / 255.0, min(edge, images.shape[1]))
 
 
 class Residuals(NamedTuple):
@@ -94,7 +94,7 @@ class Residuals(NamedTuple):
     total: Floats
 
     @classmethod
-    def of(cls, felt: Sequence[Floats32], drawn: Sequence[Floats32]) -> Residuals:
+    def of(cls, felt: Sequence[Floats32] | Floats32, drawn: Sequence[Floats32]) -> Residuals:
         """The residuals of images ``(e, e)`` by M presses in the same poses, ``(M, e, e)``; each press by the others.
 
         >>> rng = np.random.default_rng(0)

@@ -203,7 +203,7 @@ class SensorDoubts:
         pressed, rng = self._pressed(len(log_weights)), np.random.default_rng(list(_digest(touches)))
         shares = np.exp(log_weights - log_weights.max())
         chosen = rng.choice(len(shares), DRAWN, p=shares / shares.sum())
-        images = [compared(touch.image[None])[0] for touch in touches if touch.image is not None]
+        images = compared(np.stack([touch.image for touch in touches if touch.image is not None]))
         drawn = [pressed.pressed(shape, chosen, int(touch.pose), state, rng) for touch in touches]
         return Residuals.of(images, drawn)
 

@@ -178,8 +178,8 @@ class Strangers:
         if not evidence.images or self.check < _FEWEST_DRAWN:
             return found
         drawn = dict(zip(poses, np.split(compared(images), len(poses)), strict=True))
-        shown = [compared(image[None])[0] for _, image in evidence.images]
-        return found - oddness([Residuals.of(shown, [drawn[pose] for pose, _ in evidence.images])])
+        touched, seen = zip(*evidence.images, strict=True)
+        return found - oddness([Residuals.of(compared(np.stack(seen)), [drawn[pose] for pose in touched])])
 
     def _scores(self, felt: NDArray[np.floating], expected: Floats32) -> Floats:
         """Log p(touch | its contact) / p(touch | some body), ``(n,)``."""

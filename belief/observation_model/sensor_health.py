@@ -33,6 +33,7 @@ wrong sign 1.00
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -97,7 +98,7 @@ class OfNominal:
         return FittedRigidBody.from_fields(fields)
 
 
-class BesideNominal:
+class BesideNominal(ABC):
     """Methods of evidence about one object that holds the evidence if the sensor is as described, ``nominal``.
 
     Predicted outcomes and diagnostics are those of the nominal hypotheses.
@@ -110,9 +111,9 @@ class BesideNominal:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
         return self.nominal.num_touches
 
+    @abstractmethod
     def update(self, touch: Touch) -> Self:
         """The evidence with one more touch."""
-        raise NotImplementedError
 
     def updated(self, touches: Iterable[Touch]) -> Self:
         """The evidence with more touches, one after the other."""
