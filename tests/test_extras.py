@@ -1,11 +1,13 @@
 """The main job runs with the base installation alone, and what needs more says which extra to install."""
 
+import ast
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
-from importlib.metadata import requires
+from importlib.metadata import metadata, requires
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -118,6 +120,25 @@ def test_every_module_of_an_extra_is_required_by_it_and_by_nothing_else():
             found = [line for line in needed if line.startswith(name) and not line[len(name)].isalpha()]
             assert any(f"extra == '{extra}'" in line for line in found), (module, extra)
             assert all("extra == " in line for line in found), module
+
+
+def test_no_module_needs_an_extra_to_be_imported_that_its_tests_do_without():
+    """The doctests of every module are collected where the extra ``dev`` is installed, and no other."""
+    [dev] = [line for line in requires("activetouch") if re.match(r"activetouch\[.*extra == .dev.", line)]
+    installed = set(re.search(r"\[(.*)\]", dev)[1].split(","))
+    assert installed < set(metadata("activetouch").get_all("Provides-Extra"))
+    missing = {module for extra in set(EXTRAS) - installed for module in EXTRAS[extra]}
+    files = [
+        path
+        for package in ("activetouch", "belief", "planners", "experiments")
+        for path in (ROOT / package).rglob("*.py")
+    ]
+    assert len(files) > 200
+    for path in files:
+        for line in ast.parse(path.read_text()).body:
+            named = [line.module or ""] if isinstance(line, ast.ImportFrom) else []
+            named += [name.name for name in line.names] if isinstance(line, ast.Import) else []
+            assert not missing & {name.partition(".")[0] for name in named}, f"{path}: {named}"
 
 
 def test_extras_are_found_by_module(monkeypatch):

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rerun
 
 from activetouch import RecordedSensor, TactileSensor
 from belief.files import require_writable_file
@@ -20,6 +19,8 @@ def viewer(sensor: TactileSensor | RecordedSensor, place: Path) -> Callable[[Ses
 
     It shows them in a window, if the place is "window", or else in a file. Time is the session's step.
     """
+    import rerun
+
     bodies = Bodies.of(sensor) if isinstance(sensor, TactileSensor) else None
     stream = rerun.RecordingStream("activetouch live")
     if place == Path("window"):
