@@ -97,21 +97,21 @@ class Compare:
         return Path("runs/compare" if scene == "gel" else f"runs/compare-{in_file_names(scene)}")
 
     def run(self) -> None:
-        """Play the missing searches, then print the results and write the report."""
+        """Play the missing searches, print the results, then write the report."""
         if self.results or self.control:
             from experiments.search.results import compare_results
 
             found = compare_results(self.results, self.reference, self.control, self.seed)
-            page = found.save(Path("runs/results") if self.out is None else self.out)
             whole = [replace(table, note="", rows=found.of_all_tasks(table.rows)) for table in found.tables()]
-            _say([table for table in whole if table.rows], found.verdict(), page)
+            _say([table for table in whole if table.rows], found.verdict())
+            print(f"report: {found.save(Path('runs/results') if self.out is None else self.out)}")
             return
         if self.config is not None:
             asked, recorded = self._names(), Compare.from_config(self.config)._names()
             Trust(self.config, everything=self.trust).require(name for name in recorded if name in asked)
         comparison = self.play()
-        page = comparison.save(self.folder)
-        _say([comparison], comparison.verdict(), page, self.setting.choice.left_out)
+        _say([comparison], comparison.verdict(), self.setting.choice.left_out)
+        print(f"report: {comparison.save(self.folder)}")  # whose figures take seconds
 
     def play(self) -> Comparison:
         """Play the missing searches and return the comparison, without a report."""
@@ -134,12 +134,10 @@ class Compare:
         return [self.setting.choice.scene, self.setting.choice.renderer, *self.deciders]
 
 
-def _say(tables: Sequence[Table | Comparison], verdict: Sequence[str], page: Path, lines: Sequence[str] = ()) -> None:
-    """Print tables, sentences, lines as they are, and where the report is."""
+def _say(tables: Sequence[Table | Comparison], verdict: Sequence[str], lines: Sequence[str] = ()) -> None:
+    """Print tables, sentences, and lines as they are."""
     for table in tables:
         print(table, end="\n\n")
     for sentence in verdict:
         print(textwrap.fill(sentence, 78))
-    for line in lines:
-        print(line)
-    print(f"report: {page}")
+    print(*lines, sep="\n", end="\n" if lines else "", flush=True)

@@ -17,6 +17,7 @@ from activetouch.errors import MeshWarning, WrongScene
 from activetouch.mesh_source import labelled_sources
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Upright
+from activetouch.perception import many_bodies
 from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
 from activetouch.perception.many_bodies import NestedPlan, are_many
@@ -270,6 +271,15 @@ DAMAGES = {
 
 def test_a_fit_that_is_damaged_or_of_another_set_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path))
+    densities, found = many_bodies._densities, {}
+
+    def of_labels(model, *pressed):
+        """What fits of these tests take longest for, once for each set."""
+        if model.shape_labels not in found:
+            found[model.shape_labels] = densities(model, *pressed)
+        return found[model.shape_labels]
+
+    monkeypatch.setattr(many_bodies, "_densities", of_labels)
 
     def fit(*sides, pressed=1, levels=(0,), views=FEW, effort=EFFORT):
         solids = {f"{side}": box(0.014, side / 1000, 0.018) for side in sides}
