@@ -156,6 +156,10 @@ class TactileSensor:
                 from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
 
                 model = doubted(model, doubting_file(folder, path, scene, independent), scene)
+            elif __import__("os").environ.get("VARY") and (other := folder/"any_object.safetensors") != path and other.exists() and not unknown_state and not independent and scene.hand is None:
+                from activetouch.perception.proportions import with_other_proportions  # other sensors do not need it
+
+                model = with_other_proportions(model, other, scene)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
@@ -284,7 +288,7 @@ class TactileSensor:
     @property
     def _keeps_images(self) -> bool:
         """Whether touches keep their images: for a model that may read them again."""
-        return hasattr(self.model, "doubts")
+        return hasattr(self.model, "doubts") or hasattr(self.model, "varied")
 
     @property
     def digest(self) -> str:

@@ -98,7 +98,10 @@ class RigidBodyEvidence:
     def update(self, touch: Touch) -> RigidBodyEvidence:
         """The evidence with one more touch; costs K N D multiplications."""
         embedding = self.model.embedding_of(touch)
-        scores = self.model.scores_of(touch, embedding)
+        return self.with_scores(touch, embedding, self.model.scores_of(touch, embedding))
+
+    def with_scores(self, touch: Touch, embedding: Floats, scores: NDArray[Any]) -> RigidBodyEvidence:
+        """The evidence with one more touch, of ``embedding (1, D)`` and ``scores (K, N)``."""
         log_weights, log_likelihood, largest = relative(self.log_weights + scores)
         constant, tested, waiting = self.constant + float(largest), self.tested, self.waiting
         if tested is not None:
