@@ -9,21 +9,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.random_views import log_normalisers
 from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.solids.family import Proportions
 from belief.observation_model.model import ArrayModel
+from belief.observation_model.outcome_mixture import log_means
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.varied_bodies import VariedBodyModel
 from belief.problem import Touch
 
-HYPOTHESES = 1024
-"""Number of hypotheses of other proportions of each shape."""
+_HYPOTHESES, _IN_ALL = 512, 2048  # of other proportions of each shape, and of all: half a second for each pose
+_TEMPERATURE = 0.8  # of the scores of bodies that are not far from the nominal ones, which the reader reads well
 _USUAL = 128  # of each shape with nominal proportions, for what a touch is like of a usual object
 
 
@@ -49,12 +48,11 @@ class OtherProportions:
         """See :class:`belief.observation_model.varied_bodies.VariedHypotheses`."""
         if touch.image is None:
             return None
-        embedding = self._reader.run(touch.image[None])[0]
+        embedding = self._reader.run(touch.image[None])[0] / np.float32(_TEMPERATURE)
         place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
         table, usual = self._in(place)
-        embedding = embedding / np.float32(__import__("os").environ.get("TA", "1.0"))
         found = (table.reshape(-1, table.shape[-1]) @ embedding[0]).reshape(table.shape[:2])
-        return np.asarray(found - np.float32(log_normalisers(usual, embedding, 1.0)[0]))
+        return np.asarray(found - np.float32(log_means((usual @ embedding[0])[None])[0]))
 
     @cached_property
     def _reader(self) -> TactileReader:
@@ -69,16 +67,17 @@ class OtherProportions:
     def _in(self, place: int | tuple[float, ...]) -> tuple[Floats32, Floats32]:
         """Embedded hypotheses in a pose or another place, ``(V, N, D)``, and usual objects there, ``(U, D)``; kept."""
         if place not in self._kept:
-            pose, scenes = len(self.scene.poses), (self._varied, self.scene)
-            if isinstance(place, int):
-                pose = place
-            else:
-                varied, usual = (one.with_pose(np.array(place[:4]), np.array(place[4:])) for one in scenes)
-                scenes = varied, usual
-            bodies = (self.scene.hypotheses(number) for number in (HYPOTHESES, _USUAL))
-            varied, usual = (self._hypotheses.embedded(one, some, pose) for one, some in zip(scenes, bodies, strict=True))
+            number = min(_HYPOTHESES, _IN_ALL // len(self.shapes))
+            varied, usual = (self._embedded(*of, place) for of in ((self._varied, number), (self.scene, _USUAL)))
             self._kept[place] = varied, usual.reshape(-1, usual.shape[-1])
         return self._kept[place]
+
+    def _embedded(self, scene: Scene, number: int, place: int | tuple[float, ...]) -> Floats32:
+        """Embedded hypotheses of the shapes of a scene, ``(K, N, D)``."""
+        if isinstance(place, int):
+            return self._hypotheses.embedded(scene, scene.hypotheses(number), place)
+        there = scene.with_pose(np.array(place[:4]), np.array(place[4:]))
+        return self._hypotheses.embedded(there, scene.hypotheses(number), len(scene.poses))
 
     @cached_property
     def _kept(self) -> dict[int | tuple[float, ...], tuple[Floats32, Floats32]]:

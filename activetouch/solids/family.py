@@ -33,6 +33,7 @@ from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument, UnknownName
 from belief.validation import MOST_REPEATED, require_count
 
+_RANGE = 0.4, 2.5  # of the factors of other proportions
 _MOST_MEMBERS = 64  # among hypotheses
 
 
@@ -125,13 +126,13 @@ class Family:
 
 
 class Proportions(Family):
-    """A solid of other proportions than its nominal ones, from half to double.
+    """A solid of other proportions than its nominal ones: from 0.4 to 2.5 times, to reach half and double for sure.
 
     A factor multiplies its last length, or all of its lengths but the first. What multiplies all of them is the size.
 
     >>> from activetouch.solids.primitives import Box
-    >>> [member.half_extents for member in Proportions(Box((1.0, 1.0, 1.0))).members(2)]
-    [(1.0, 1.0, 0.7), (1.0, 1.4, 1.4)]
+    >>> [tuple(round(edge, 1) for edge in box.half_extents) for box in Proportions(Box((1.0, 1.0, 1.0))).members(2)]
+    [(1.0, 1.0, 0.6), (1.0, 1.0, 1.6)]
 
     Raises:
         InvalidArgument: the solid has fewer than two lengths.
@@ -140,14 +141,20 @@ class Proportions(Family):
     def __init__(self, nominal: Shape, /) -> None:
         if len(_lengths_of(nominal)) < 2:
             raise InvalidArgument(f"{nominal!r:.80} has no proportions: it needs two lengths")
-        parameters = (("factor", LogUniform(float(__import__("os").environ.get("LO","0.5")), 1/float(__import__("os").environ.get("LO","0.5")))), ("part", Uniform(0.0, 1.0)))
+        parameters = (("factor", LogUniform(*_RANGE)), ("part", Uniform(0.0, 1.0)))
         object.__setattr__(self, "nominal", nominal)
         object.__setattr__(self, "parameters", parameters)
 
     @staticmethod
     def has(solid: object) -> bool:
-        """Whether a solid has proportions: it is a dataclass with at least two lengths."""
-        return len(_lengths_of(solid)) > 1
+        """Whether a solid has proportions: at least two lengths, and solids at the ends of the range."""
+        if len(_lengths_of(solid)) < 2:
+            return False
+        try:
+            [Proportions(cast(Shape, solid))._member((factor, part)) for factor in _RANGE for part in (0.0, 1.0)]
+        except ValueError:
+            return False
+        return True
 
     def _member(self, values: Iterable[float]) -> Shape:
         factor, part = values

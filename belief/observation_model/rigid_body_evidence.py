@@ -195,8 +195,9 @@ class RigidBodyEvidence:
 
 def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
     """The evidence, or its nominal one, if it is about one rigid body; otherwise None."""
-    nominal = getattr(evidence, "nominal", evidence)
-    return nominal if isinstance(nominal, RigidBodyEvidence) else None
+    while (nominal := getattr(evidence, "nominal", None)) is not None:
+        evidence = nominal
+    return evidence if isinstance(evidence, RigidBodyEvidence) else None
 
 
 def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:

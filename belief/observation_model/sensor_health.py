@@ -74,7 +74,7 @@ class OfNominal:
 
     name: ClassVar[str] = FittedRigidBody.name
     reads: ClassVar[Reads] = "embeddings"
-    nominal: RigidBodyModel
+    nominal: Any
 
     @property
     def num_poses(self) -> int:
@@ -103,7 +103,7 @@ class BesideNominal:
     Predicted outcomes and diagnostics are those of the nominal hypotheses.
     """
 
-    nominal: RigidBodyEvidence
+    nominal: Any
 
     @property
     def num_touches(self) -> int:

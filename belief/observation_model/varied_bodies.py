@@ -23,7 +23,7 @@ A cup that the nominal model takes for a mug, unless cups may be longer:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -43,7 +43,8 @@ from belief.validation import Floats
 if TYPE_CHECKING:
     from belief.touch_batch import TouchBatch
 
-SHARE = float(__import__("os").environ.get("W", "0.1"))
+_EVERY = 4  # hypothesis of nominal proportions counts for what is expected of a touch
+SHARE = 0.04
 """Prior probability that an object of a shape has other proportions than the nominal ones."""
 
 
@@ -54,7 +55,7 @@ class VariedHypotheses(Protocol):
     def shapes(self) -> NDArray[np.int64]:
         """Indices of the shapes that have them, ``(V,)``."""
 
-    def log_ratios(self, touch: Touch) -> Floats | None:
+    def log_ratios(self, touch: Touch) -> NDArray[np.floating] | None:
         """Log p(touch | hypothesis) / p(touch | some usual object), ``(V, N)``; None where the touch is not read."""
 
 
@@ -110,16 +111,16 @@ class VariedEvidence(BesideNominal):
         nominal = self.model.nominal
         embedding = nominal.embedding_of(touch)
         scores = nominal.scores_of(touch, embedding)
-        found = replace(self, nominal=self.nominal.with_scores(touch, embedding, scores))
+        after = self.nominal.with_scores(touch, embedding, scores)
         is_whole = self.log_weights is not None or not self.num_touches
         ratios = self.model.varied.log_ratios(touch) if is_whole else None
         if ratios is None:
-            return replace(found, log_weights=None)
-        ratios = ratios + float(log_means(scores.reshape(1, -1))[0])
-        sums, weights = with_touch(self.sums, touch, ratios, nominal.correlation, nominal.drift)
+            return VariedEvidence(self.model, after)
+        told = ratios + np.float64(log_means(scores[:, ::_EVERY].reshape(1, -1))[0])
+        sums, weights = with_touch(self.sums, touch, told, nominal.correlation, nominal.drift)
         if weights is None:
-            weights = ratios if self.log_weights is None else self.log_weights + ratios
-        return replace(found, log_weights=frozen(weights), sums=sums)
+            weights = told if self.log_weights is None else self.log_weights + told
+        return VariedEvidence(self.model, after, weights, sums)
 
     @cached_property
     def log_likelihood(self) -> Floats:
