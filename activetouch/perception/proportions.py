@@ -15,6 +15,7 @@ from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.solids.family import Proportions
+from belief.errors import InvalidArgument
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_mixture import log_means
 from belief.observation_model.rigid_body import RigidBodyModel
@@ -93,10 +94,17 @@ class OtherProportions:
         return {"path": self.path, "scene": self.scene}
 
 
-def with_other_proportions(model: ArrayModel, path: Path, scene: Scene) -> ArrayModel:
+def with_other_proportions(model: ArrayModel, path: Path, scene: Scene) -> VariedBodyModel:
     """The model of a sensor for which solids may have other proportions, by the reader of any object in a file.
 
-    A model of other kinds than that of one rigid body, or of shapes without proportions, is returned as it is.
+    Raises:
+        InvalidArgument: the model is not that of one rigid body, or no solid has proportions.
     """
     varied = OtherProportions(path, scene)
-    return VariedBodyModel(model, varied) if isinstance(model, RigidBodyModel) and len(varied.shapes) else model
+    if not isinstance(model, RigidBodyModel):
+        raise InvalidArgument(f"only the joint model of one rigid body weighs other proportions, not {model!r:.80}")
+    if not len(varied.shapes):
+        raise InvalidArgument(
+            f"of {', '.join(scene.shape_labels)}, none is a solid with two lengths or more: leave out other_proportions"
+        )
+    return VariedBodyModel(model, varied)

@@ -127,8 +127,8 @@ class TactileSensor:
                 (:class:`activetouch.perception.many_bodies.NestedPlan`). By default where a table of all
                 hypotheses would take more than ten minutes.
             other_proportions: whether built-in solids may have other proportions than the scene says: with a
-                probability of 0.04, from half to double (:mod:`belief.observation_model.varied_bodies`). A sensor
-                without both readers takes them as exact.
+                probability of 0.04, from half to double (:mod:`belief.observation_model.varied_bodies`). It needs both
+                readers.
 
         Raises:
             CorruptFile: one of the files is damaged or missing.
@@ -146,6 +146,13 @@ class TactileSensor:
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         plan = cls.nested_plan(scene, independent, nested)
         path, fitted, shift = files_for(folder, scene, anyway, independent, bool(unknown_state) or plan is not None)
+        other = None if unknown_state or plan is not None else other_reader(folder, path, scene, independent)
+        if other_proportions and other is None:
+            raise InvalidArgument(
+                "other proportions are weighed by a sensor that has a reader of its own objects and one of any object, "
+                f"as gel, coarse and hard, without an unknown state and nested cells; {folder} is none here: say the "
+                "proportions in the scene (--family), or leave out other_proportions"
+            )
         reader = TactileReader.load(path).bound_to(scene)
         if plan is not None:
             from activetouch.perception.many_bodies import nested_model
@@ -159,9 +166,7 @@ class TactileSensor:
         else:
             with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
                 model = cls._model(reader, scene, fitted, bool(unknown_state))
-            is_asked = other_proportions and not unknown_state
-            other = other_reader(folder, path, scene, independent) if is_asked else None
-            if other is not None:
+            if other_proportions and other is not None:
                 from activetouch.perception.proportions import with_other_proportions  # other sensors do not need it
 
                 model = with_other_proportions(model, other, scene)
