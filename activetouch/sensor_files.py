@@ -132,14 +132,20 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
 
 def doubting_file(folder: Path, own: Path, scene: Scene, independent: bool = False) -> Path:
     """The reader of any object with which a sensor, whose own reader lies in a file, may doubt its description."""
-    other = folder / ANY_OBJECT_FILE
-    if own == other or not other.exists() or independent or scene.hand is not None:
+    other = other_reader(folder, own, scene, independent)
+    if other is None:
         raise InvalidArgument(
             f"only a sensor without a hand whose own reader and joint model fit the scene, and which also has a reader "
             f"of any object, doubts its description where touches are odd; {folder} does not: infer its state from the "
             "start (unknown_state=True, --unknown-state)"
         )
     return other
+
+
+def other_reader(folder: Path, own: Path, scene: Scene, independent: bool = False) -> Path | None:
+    """The reader of any object beside the own one, where a joint model of single touches may ask it; None without."""
+    other = folder / ANY_OBJECT_FILE
+    return None if own == other or not other.exists() or independent or scene.hand is not None else other
 
 
 def require_simulated(folder: Path) -> None:

@@ -91,6 +91,7 @@ def open_sensor(
     unknown_state: bool | None = False,
     jobs: int | None = None,
     nested: bool | None = None,
+    other_proportions: bool = False,
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
@@ -117,7 +118,8 @@ def open_sensor(
                 predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted
-            sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state, nested)
+            options: dict[str, Any] = {"nested": nested, "other_proportions": other_proportions}
+            sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state, **options)
     except (LabelMismatch, WrongScene) as error:
         raise type(error)(f"{error}. {_remedy(choice, name, scene)}\nTo use it nevertheless, add --anyway.") from error
     for sentence in shift_sentences(sensor.shift):

@@ -34,10 +34,13 @@ from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.scene import Scene
 from belief.observation_model.doubted_sensor import DoubtedEvidence, DoubtedSensorModel, Explanation
+from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body_evidence import joint_evidence
 from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import SensorHealth, spread_prior
+from belief.observation_model.varied_bodies import VariedBodyModel
 from belief.problem import Touch
 from belief.validation import Floats
 
@@ -157,7 +160,7 @@ class SensorDoubts:
         if log_odds + _MOST_FACTOR < _DOUBTED:
             return False
         likely = [one.nominal.log_likelihood for one in objects]
-        weights = [one.nominal.log_weights for one in objects]
+        weights = [self._nominal_weights(one.nominal) for one in objects]
         odd = self._oddness(objects, likely, weights, self.described, "described")
         factor = 0.0 if odd is None else min(max(_log_factor(odd), _LEAST_FACTOR), _MOST_FACTOR)
         return log_odds + factor >= _DOUBTED
@@ -198,6 +201,13 @@ class SensorDoubts:
                 one.kept[key] = self._residuals(one.touches, shape, weights[shape], state)
             found.append(one.kept[key])
         return oddness(found) if found else None
+
+    @staticmethod
+    def _nominal_weights(evidence: ObjectEvidence) -> Floats:
+        """Log weights of the hypotheses of nominal proportions, ``(K, N)``."""
+        joint = joint_evidence(evidence)
+        assert joint is not None, "of a rigid body"
+        return joint.log_weights
 
     def _residuals(self, touches: Sequence[Touch], shape: int, log_weights: Floats, state: SensorState) -> Residuals:
         pressed, rng = self._pressed(len(log_weights)), np.random.default_rng(list(_digest(touches)))
@@ -242,7 +252,7 @@ class SensorDoubts:
     ) -> Explanation:
         """What states say, and whether the likeliest one explains the images."""
         best = int(health.probs[:-1].argmax())
-        weights = [one.log_weights[best - 1] if best else one.nominal.log_weights for one in inferred]
+        weights = [one.log_weights[best - 1] if best else self._nominal_weights(one.nominal) for one in inferred]
         odd = self._oddness(objects, list(likely), weights, _row(states, best), health.labels[best])
         return Explanation(likely, str(health), 0.0 if odd is None else _log_factor(odd))
 
@@ -347,7 +357,9 @@ def doubted(model: ArrayModel, path: Path, scene: Scene) -> ArrayModel:
 
     A model of other kinds than that of one rigid body is returned as it is.
     """
-    return DoubtedSensorModel(model, SensorDoubts(path, scene)) if isinstance(model, RigidBodyModel) else model
+    if not isinstance(model, RigidBodyModel | VariedBodyModel):
+        return model
+    return DoubtedSensorModel(model, SensorDoubts(path, scene))
 
 
 def _log_factor(odd: float) -> float:

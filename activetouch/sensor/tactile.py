@@ -27,6 +27,7 @@ from activetouch.sensor_files import (
     doubting_file,
     files_for,
     is_of_objects,
+    other_reader,
     require_model,
 )
 from activetouch.world import TouchWorld
@@ -94,6 +95,7 @@ class TactileSensor:
         independent: bool = False,
         unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
+        other_proportions: bool = False,
     ) -> TactileSensor: ...
 
     @classmethod
@@ -105,6 +107,7 @@ class TactileSensor:
         independent: bool = False,
         unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
+        other_proportions: bool = False,
     ) -> TactileSensor | RecordedSensor:
         """The sensor whose reader and observation model lie in a folder.
 
@@ -123,6 +126,9 @@ class TactileSensor:
             nested: whether the belief is about nested cells of orientations, for hundreds of shapes, or how closely
                 (:class:`activetouch.perception.many_bodies.NestedPlan`). By default where a table of all
                 hypotheses would take more than ten minutes.
+            other_proportions: whether built-in solids may have other proportions than the scene says: with a
+                probability of 0.04, from half to double (:mod:`belief.observation_model.varied_bodies`). It needs both
+                readers.
 
         Raises:
             CorruptFile: one of the files is damaged or missing.
@@ -140,6 +146,13 @@ class TactileSensor:
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         plan = cls.nested_plan(scene, independent, nested)
         path, fitted, shift = files_for(folder, scene, anyway, independent, bool(unknown_state) or plan is not None)
+        other = None if unknown_state or plan is not None else other_reader(folder, path, scene, independent)
+        if other_proportions and other is None:
+            raise InvalidArgument(
+                "other proportions are weighed by a sensor that has a reader of its own objects and one of any object, "
+                f"as gel, coarse and hard, without an unknown state and nested cells; {folder} is none here: say the "
+                "proportions in the scene (--family), or leave out other_proportions"
+            )
         reader = TactileReader.load(path).bound_to(scene)
         if plan is not None:
             from activetouch.perception.many_bodies import nested_model
@@ -153,6 +166,10 @@ class TactileSensor:
         else:
             with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
                 model = cls._model(reader, scene, fitted, bool(unknown_state))
+            if other_proportions and other is not None:
+                from activetouch.perception.proportions import with_other_proportions  # other sensors do not need it
+
+                model = with_other_proportions(model, other, scene)
             if unknown_state is None:
                 from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
 
@@ -204,6 +221,7 @@ class TactileSensor:
         *,
         unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
+        other_proportions: bool = False,
     ) -> TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
@@ -214,6 +232,7 @@ class TactileSensor:
             anyway: as in :meth:`load`.
             unknown_state: as in :meth:`load`.
             nested: as in :meth:`load`.
+            other_proportions: as in :meth:`load`.
 
         Raises:
             UnknownName: there is no such sensor.
@@ -223,7 +242,8 @@ class TactileSensor:
             raise UnknownName("sensor", name, known)
         of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
         scene = SCENES[of_scene].scene if scene is None else scene
-        return cls.load(MODELS / name, scene, anyway, unknown_state=unknown_state, nested=nested)
+        options: dict[str, Any] = {"unknown_state": unknown_state, "nested": nested}
+        return cls.load(MODELS / name, scene, anyway, **options, other_proportions=other_proportions)
 
     def with_objects(self, objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> TactileSensor:
         """The sensor among other objects, whose contacts its reader of any object predicts; nothing is trained.
@@ -304,7 +324,8 @@ class TactileSensor:
     @property
     def _keeps_images(self) -> bool:
         """Whether touches keep their images: for a model that may read them again, or compare them with presses."""
-        return hasattr(self.model, "doubts") or getattr(self.model, "strangers", None) is not None
+        read_again = any(hasattr(self.model, part) for part in ("doubts", "varied"))
+        return read_again or getattr(self.model, "strangers", None) is not None
 
     @property
     def digest(self) -> str:

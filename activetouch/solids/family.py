@@ -20,11 +20,20 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.distributions import Distribution, kronecker, quantiles, require_distribution, roberts_steps
+from activetouch.distributions import (
+    Distribution,
+    LogUniform,
+    Uniform,
+    kronecker,
+    quantiles,
+    require_distribution,
+    roberts_steps,
+)
 from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument, UnknownName
 from belief.validation import MOST_REPEATED, require_count
 
+_RANGE = 0.4, 2.5  # of the factors of other proportions
 _MOST_MEMBERS = 64  # among hypotheses
 
 
@@ -114,6 +123,65 @@ class Family:
         if reason:
             place = ", ".join(f"{name}={value}" for (name, _), value in zip(self.parameters, values, strict=True))
             raise InvalidArgument(f"{self} has members that are no solids, at {place}: {reason}")
+
+
+class Proportions(Family):
+    """A solid of other proportions than its nominal ones: from 0.4 to 2.5 times, to reach half and double for sure.
+
+    A factor multiplies its last length, or all of its lengths but the first. What multiplies all of them is the size.
+
+    >>> from activetouch.solids.primitives import Box
+    >>> [tuple(round(edge, 1) for edge in box.half_extents) for box in Proportions(Box((1.0, 1.0, 1.0))).members(2)]
+    [(1.0, 1.0, 0.6), (1.0, 1.0, 1.6)]
+
+    Raises:
+        InvalidArgument: the solid has fewer than two lengths.
+    """
+
+    def __init__(self, nominal: Shape, /) -> None:
+        if len(_lengths_of(nominal)) < 2:
+            raise InvalidArgument(f"{nominal!r:.80} has no proportions: it needs two lengths")
+        parameters = (("factor", LogUniform(*_RANGE)), ("part", Uniform(0.0, 1.0)))
+        object.__setattr__(self, "nominal", nominal)
+        object.__setattr__(self, "parameters", parameters)
+
+    @staticmethod
+    def has(solid: object) -> bool:
+        """Whether a solid has proportions: at least two lengths, and solids at the ends of the range."""
+        if len(_lengths_of(solid)) < 2:
+            return False
+        try:
+            [Proportions(cast(Shape, solid))._member((factor, part)) for factor in _RANGE for part in (0.0, 1.0)]
+        except ValueError:
+            return False
+        return True
+
+    def _member(self, values: Iterable[float]) -> Shape:
+        factor, part = values
+        lengths = _lengths_of(self.nominal)
+        first = 1 if part >= 0.5 else len(lengths) - 1
+        scaled = iter([length * (factor if place >= first else 1.0) for place, length in enumerate(lengths)])
+        changes = {
+            name: tuple(next(scaled) for _ in given) if isinstance(given, tuple) else next(scaled)
+            for name, given in _length_fields(self.nominal).items()
+        }
+        return cast(Shape, replace(cast(Any, self.nominal), **changes))
+
+
+def _length_fields(solid: object) -> dict[str, float | tuple[float, ...]]:
+    """The fields of a dataclass that are lengths, or tuples of lengths."""
+    if not is_dataclass(solid) or isinstance(solid, type):
+        return {}
+    found = {field.name: getattr(solid, field.name) for field in fields(solid) if field.init}
+    return {
+        name: given
+        for name, given in found.items()
+        if isinstance(given, float) or (isinstance(given, tuple) and all(isinstance(part, float) for part in given))
+    }
+
+
+def _lengths_of(solid: object) -> list[float]:
+    return np.hstack([np.zeros(0), *_length_fields(solid).values()]).tolist()
 
 
 def numbers_of(solid: object) -> dict[str, float]:

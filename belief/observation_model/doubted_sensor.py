@@ -45,6 +45,7 @@ from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.observation_model.sensor_health import BesideNominal, OfNominal, SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import AS_DESCRIBED, SensorHealth
+from belief.observation_model.varied_bodies import VariedBodyModel, VariedEvidence
 from belief.problem import Touch
 from belief.validation import Floats
 
@@ -104,7 +105,7 @@ class DoubtedSensorModel(OfNominal, ArrayModel):
         doubts: says when that is doubted, and what may be the matter.
     """
 
-    nominal: RigidBodyModel
+    nominal: RigidBodyModel | VariedBodyModel
     doubts: Doubts
 
     def __post_init__(self) -> None:
@@ -173,7 +174,7 @@ class DoubtedEvidence(BesideNominal):
     """
 
     model: DoubtedSensorModel
-    nominal: RigidBodyEvidence
+    nominal: RigidBodyEvidence | VariedEvidence
     touches: tuple[Touch, ...] = ()
 
     def update(self, touch: Touch) -> DoubtedEvidence:

@@ -24,7 +24,7 @@ Floats32 = NDArray[np.float32]
 _LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
 
 
-def log_means(log_weights: Floats) -> Floats:
+def log_means(log_weights: NDArray[np.floating]) -> Floats:
     """Log mean weight over the hypotheses of each shape, ``(..., K)``."""
     largest = log_weights.max(axis=-1, keepdims=True)
     shares = log_weights - largest

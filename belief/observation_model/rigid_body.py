@@ -348,8 +348,9 @@ class RigidBodyModel(FittedRigidBody):
 
 def joint_model(model: ObservationModel) -> RigidBodyModel | None:
     """The model, or its nominal one, if it is about one rigid body of unknown orientation and size; otherwise None."""
-    nominal = getattr(model, "nominal", model)
-    return nominal if isinstance(nominal, RigidBodyModel) else None
+    while (nominal := getattr(model, "nominal", None)) is not None:
+        model = nominal
+    return model if isinstance(model, RigidBodyModel) else None
 
 
 def _in_half(array: Floats) -> Floats:

@@ -98,7 +98,10 @@ class RigidBodyEvidence:
     def update(self, touch: Touch) -> RigidBodyEvidence:
         """The evidence with one more touch; costs K N D multiplications."""
         embedding = self.model.embedding_of(touch)
-        scores = self.model.scores_of(touch, embedding)
+        return self.with_scores(touch, embedding, self.model.scores_of(touch, embedding))
+
+    def with_scores(self, touch: Touch, embedding: Floats, scores: NDArray[Any]) -> RigidBodyEvidence:
+        """The evidence with one more touch, of ``embedding (1, D)`` and ``scores (K, N)``."""
         log_weights, log_likelihood, largest = relative(self.log_weights + scores)
         constant, tested, waiting = self.constant + float(largest), self.tested, self.waiting
         if tested is not None:
@@ -192,8 +195,9 @@ class RigidBodyEvidence:
 
 def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
     """The evidence, or its nominal one, if it is about one rigid body; otherwise None."""
-    nominal = getattr(evidence, "nominal", evidence)
-    return nominal if isinstance(nominal, RigidBodyEvidence) else None
+    while (nominal := getattr(evidence, "nominal", None)) is not None:
+        evidence = nominal
+    return evidence if isinstance(evidence, RigidBodyEvidence) else None
 
 
 def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:

@@ -75,7 +75,7 @@ class OfNominal:
 
     name: ClassVar[str] = FittedRigidBody.name
     reads: ClassVar[Reads] = "embeddings"
-    nominal: RigidBodyModel
+    nominal: Any
 
     @property
     def num_poses(self) -> int:
@@ -104,7 +104,7 @@ class BesideNominal(ABC):
     Predicted outcomes and diagnostics are those of the nominal hypotheses.
     """
 
-    nominal: RigidBodyEvidence
+    nominal: Any
 
     @property
     def num_touches(self) -> int:

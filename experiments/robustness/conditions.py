@@ -201,6 +201,8 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "cylinder × 1.25": _proportions("cylinder", half_length=1.25),
         "cone × 0.6": _proportions("cone", height=0.6),
         "cone × 1.5": _proportions("cone", height=1.5),
+        "cube 1 : 1 : 1.5": _proportions("cube", half_extents=(1.0, 1.0, 1.5)),
+        "cube 1 : 1.5 : 1.5": _proportions("cube", half_extents=(1.0, 1.5, 1.5)),
         "cube 1 : 1 : 1.25": _proportions("cube", half_extents=(1.0, 1.0, 1.25)),
         "friction 0.3 to 1": _slippery(Uniform(0.3, 1.0)),
         "friction 0.05": _slippery(Constant(0.05)),

@@ -183,6 +183,8 @@ class Robustness:
     """Infer the state of the sensor from the touches, as of compare."""
     doubted_state: bool = False
     """The same, but only where touches are odd, as of compare."""
+    other_proportions: bool = False
+    """Built-in solids may have other proportions, as of compare."""
     abstain: Fraction | None = None
     """False-alarm rate of the conflict test, such as 0.02: searches can end with "I do not know"."""
     out: Path | None = None
@@ -202,7 +204,8 @@ class Robustness:
         out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(self.scene)}")
         claim_folder(out)
         unknown = asked_state(self.unknown_state, self.doubted_state)
-        sensor = open_sensor(self.sensor, choice, self.anyway, unknown_state=unknown)
+        options: dict[str, Any] = {"unknown_state": unknown, "other_proportions": self.other_proportions}
+        sensor = open_sensor(self.sensor, choice, self.anyway, **options)
         found = robustness(
             sensor,
             choice.named,

@@ -308,6 +308,9 @@ class Live:
     image. Needs a reader of any object."""
     doubted_state: bool = False
     """The same, but only where touches are odd for the sensor as described. Needs both readers."""
+    other_proportions: bool = False
+    """Built-in solids may have other proportions than those of the scene, from half to double, with a probability of
+    0.04. Needs both readers."""
 
     view: Annotated[Path | None, tyro.conf.arg(metavar="FILE|window")] = None
     """Show each touch in the viewer of Rerun: in its window, or in a file that "rerun FILE" opens."""
@@ -377,4 +380,5 @@ class Live:
             choice = replace(choice, scene=of_scene)
         nested = True if self.observation_model == "nested" else None
         unknown = asked_state(self.unknown_state, self.doubted_state)
-        return open_sensor(given, choice, self.anyway, unknown_state=unknown, nested=nested)
+        options: dict[str, Any] = {"nested": nested, "other_proportions": self.other_proportions}
+        return open_sensor(given, choice, self.anyway, unknown_state=unknown, **options)

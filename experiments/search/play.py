@@ -22,7 +22,7 @@ from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.poses import WorldObject
 from activetouch.scene_description import scene_fields
-from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_file
+from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, other_reader, reader_file
 from activetouch.world import TouchTime, touch_many
 from belief.codec import from_fields, to_fields
 from belief.composition import Composition
@@ -68,6 +68,9 @@ class Setting:
     image. Needs a reader of any object."""
     doubted_state: bool = False
     """The same, but only where touches are odd for the sensor as described. Needs both readers."""
+    other_proportions: bool = False
+    """Built-in solids may have other proportions than those of the scene, from half to double, with a probability of
+    0.04. Needs both readers."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     unlisted: Probability = 0.0
@@ -111,10 +114,10 @@ class Setting:
         """The files that determine what the sensor reads in a scene; for a reader of any object, its file alone."""
         independent, nested = (self.observation_model == name for name in ("independent", "nested"))
         reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state or nested)
-        return [
-            reader,
-            *([] if reader.name == ANY_OBJECT_FILE else [observation_file(self.sensor_folder, independent)]),
-        ]
+        if reader.name == ANY_OBJECT_FILE:
+            return [reader]
+        other = other_reader(self.sensor_folder, reader, scene, independent) if self.other_proportions else None
+        return [reader, observation_file(self.sensor_folder, independent), *([] if other is None else [other])]
 
     def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
         """The sensor, after a check that it fits the scene, or ``named`` in place of the setting's scene."""
@@ -122,7 +125,8 @@ class Setting:
         model = self.observation_model
         nested = True if model == "nested" else None
         unknown = asked_state(self.unknown_state, self.doubted_state)
-        return open_sensor(self.sensor, scene, self.anyway, model == "independent", unknown, jobs, nested)
+        varied, independent = self.other_proportions, model == "independent"
+        return open_sensor(self.sensor, scene, self.anyway, independent, unknown, jobs, nested, varied)
 
     @property
     def problem(self) -> SearchProblem:

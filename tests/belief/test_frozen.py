@@ -35,6 +35,7 @@ from belief.observation_model.doubted_sensor import DoubtedSensorModel
 from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, Views
 from belief.observation_model.plda import Components, LogitEmbedding
+from belief.observation_model.varied_bodies import VariedBodyModel
 from belief.problem import Elsewhere
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
@@ -114,6 +115,12 @@ HOLDERS = {
             b,
         ),
         [np.ones((1, 1, 2, 3, 4), np.float32), np.array([0.8, 0.1, 0.1])],
+    ),
+    "VariedBodyModel": (
+        lambda a, b, c: VariedBodyModel(
+            RigidBodyModel(LABELS, 3, 1.0, b, c, hypotheses=FixedHypotheses(a)), SimpleNamespace(shapes=np.array([0]))
+        ),
+        [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
     ),
     "DoubtedSensorModel": (
         lambda a, b, c: DoubtedSensorModel(
