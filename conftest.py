@@ -12,7 +12,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Otherwise each of the many processes that tests start compiles all modules again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
-collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py"]
+NEED = {"planners/pomdp_py_adapter.py": "pomdp_py", "belief/estimators.py": "sklearn"}
+collect_ignore = [path for path, module in NEED.items() if find_spec(module) is None]
 
 if find_spec("ap_gym") is None:
     collect_ignore.append("activetouch/envs/apgym.py")  # it has no examples, and is not imported without ap_gym

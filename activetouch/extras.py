@@ -22,7 +22,8 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "pomdp": ("pomdp_py",),
         "cluster": ("distributed",),
         "meshes": ("trimesh", "collada", "lxml", "networkx"),
-        "recorded": ("sklearn",),  # of examples
+        "view": ("rerun",),
+        "recorded": ("sklearn",),  # of belief.estimators, and of examples
         "formats": ("pyarrow", "mcap"),  # of examples
     }
 )

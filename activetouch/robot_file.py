@@ -134,6 +134,7 @@ def _found(path: Path, folder: Path, name: str) -> Path:
         raise ValueError(f"its mesh {name!r:.120} is no file; files elsewhere are not opened")
     inner, outer = path.parent.resolve(), folder.resolve()
     above = [one for one in (inner, *inner.parents) if one.is_relative_to(outer)]
+    rest = rest.lstrip("/") if scheme in ("package", "model") else rest
     names = [rest, rest.partition("/")[2]] if scheme in ("package", "model") else [rest]
     for place in (base / each for base in above for each in names if each):
         if place.exists() and (file := place.resolve()).is_relative_to(outer):

@@ -37,7 +37,7 @@ from activetouch.poses import (
     to_matrix,
 )
 from activetouch.pressing.contact import Contact, Pad, Press, PressedObject, Quasistatic, missed
-from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.dynamic import Dynamic, SteppedPress
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
@@ -50,6 +50,7 @@ from belief.validation import require_count
 
 if TYPE_CHECKING:
     from activetouch.hand import Hand
+    from activetouch.pressing.surroundings import Surroundings
 
 __all__ = ["Dynamic", "PressedObject", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
 
@@ -195,6 +196,28 @@ class Scene:
         """Of each finger of the hand, the scene of its pad alone, in whose poses it meets the same; or this scene."""
         each = [] if self.hand is None else self.hand.single(self.rotations, self.aims)
         return tuple(replace(self, hand=None, poses=poses, aims=aims) for poses, aims in each) or (self,)
+
+    def around(self, shape: Shape) -> Surroundings | None:
+        """What a press of a shape simulates besides pad and object."""
+        found = getattr(self.press_model, "surroundings", None)
+        return None if found is None else found.beside(shape)
+
+    def with_surroundings(self, full: bool = True, menagerie: Path | None = None) -> Scene:
+        """The scene in the paper's world, whose touches are the same to the last bit (decision 0113).
+
+        Args:
+            full: whether to simulate a finger behind the pad, and the other objects, parked on their guides.
+            menagerie: copy of MuJoCo Menagerie, whose Panda arm then stands behind the pad with the Allegro hand.
+
+        Raises:
+            InvalidArgument: the scene has a hand, or its presses do not simulate motion.
+        """
+        from activetouch.pressing.surroundings import Surroundings  # loads MuJoCo
+
+        if self.hand is not None or not isinstance(self.press_model, SteppedPress):
+            raise InvalidArgument("--full and --robot need --fidelity dynamic or guarded_move, and no --hand")
+        around = Surroundings(tuple(self.solids.values()) if full else (), menagerie)
+        return replace(self, press_model=replace(self.press_model, surroundings=around))  # type: ignore[type-var]
 
     def with_hand(self, hand: Hand | str, press_model: Press | None = None) -> Scene:
         """The scene with a hand, or one of :data:`activetouch.hand.HANDS` by name, closed quasistatically by default.

@@ -158,7 +158,8 @@ def _state(value: Any, depth: int) -> dict[str, Any]:
     if isinstance(value, partial):
         return {name: described(getattr(value, name), depth + 1) for name in ("func", "args", "keywords")}
     if is_dataclass(value):
-        return {field.name: described(getattr(value, field.name), depth + 1) for field in fields(value)}
+        named = [field.name for field in fields(value) if field.metadata.get("changes_touches", True)]
+        return {name: described(getattr(value, name), depth + 1) for name in named}
     if "__repr__" in {name for part in type(value).__mro__[:-1] for name in vars(part)}:
         return {"repr": repr(value)}
     cached = {name for part in type(value).__mro__ for name, m in vars(part).items() if isinstance(m, cached_property)}

@@ -183,6 +183,12 @@ class SceneChoice:
     """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
     hand: Annotated[HandName | None, one_of(get_args(HandName))] = None
     """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
+    full: bool = False
+    """Also simulate what changes no touch: a finger behind the pad, and the other objects, parked on their guides."""
+    robot: Literal["panda_allegro"] | None = None
+    """Robot that stands behind the pad and changes no touch; needs --menagerie."""
+    menagerie: Path | None = None
+    """A copy of MuJoCo Menagerie, with the model of the robot, or, in touch --hand allegro, of the hand that closes."""
 
     @property
     def left_out(self) -> list[str]:
@@ -240,6 +246,10 @@ class SceneChoice:
 
                 changes["press_model"] = Closing()
         scene = replace(named.scene, **changes)
+        if (self.robot is None) is not (self.menagerie is None):
+            raise InvalidArgument("--robot panda_allegro and --menagerie FOLDER, which has its models, go together")
+        if self.full or self.robot is not None:
+            scene = scene.with_surroundings(self.full, self.menagerie)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
         return replace(named, scene=scene, num_objects=num_objects)
 

@@ -275,6 +275,33 @@ class Session:
         """Posterior about the current object."""
         return self._progress.scene.belief(self.object_index)
 
+    def pose(self, shape: Name | None = None, object_index: int | None = None) -> Any:
+        """How an object lies, by all that was felt of it (for a tactile sensor, ``activetouch.PoseBelief``).
+
+        Args:
+            shape: supposed shape of the object, by label or index; the most probable one by default.
+            object_index: the object; the current one by default.
+
+        Raises:
+            InvalidArgument: the session has no reader of images that knows how objects lie; or no such object.
+            UnknownName: there is no such shape.
+        """
+        find = getattr(self._listener.reader, "pose", None)
+        if find is None:
+            raise InvalidArgument(
+                "only a session of a tactile sensor knows how objects lie, one that sensor.session begins"
+            )
+        scene = self._progress.scene
+        place = self.object_index if object_index is None else object_index
+        likeliest = int(scene.belief(place).probs.argmax())
+        shape_index = likeliest if shape is None else index_of("shape", self.problem.shape_labels, shape)
+        felt = [
+            (told.touch.pose, told.image)
+            for told in standing_of(self._events)[0]
+            if told.object_index == place and told.image is not None and told.touch and told.touch.elsewhere is None
+        ]
+        return find(scene.evidence(place), shape_index, [pose for pose, _ in felt], [image for _, image in felt])
+
     @property
     def scene(self) -> SceneView:
         """Joint belief about all objects; later touches do not change it."""

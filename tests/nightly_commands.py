@@ -1,4 +1,4 @@
-"""Every shell command of README and docs is run as it stands, in the order of its page: `make nightly`.
+"""Every shell command of README and docs, and of the paper's method, is run in the order of its page: `make nightly`.
 
 These take too long for the tests, so pytest does not collect this file by itself. A command with a size, such as a
 number of episodes, gets a small one (SMALLER): what counts is that it ends well. What cannot be run here says why
@@ -18,7 +18,7 @@ import pytest
 import trimesh
 
 from activetouch import TactileSensor
-from tests.test_docs_commands import PAGES, ROOT, shell_lines
+from tests.test_docs_commands import METHOD, PAGES, ROOT, command_lines, shell_lines
 
 SMALLER = {
     "compare": {"--episodes": 4},
@@ -43,7 +43,8 @@ ELSEWHERE = {
     "python -m benchmarks.recorded_sets": "needs recordings that are fetched by hand",
     "activetouch recorded --data cy101": "needs recordings that are fetched by hand",
     "activetouch recorded --data sdh2": "needs recordings that are fetched by hand",
-    "activetouch touch --scene gel --hand allegro": "needs the folder of the Menagerie",
+    "activetouch train --scene paper --recipe paper": "fetches published weights; the tests read a small checkpoint",
+    "python examples/read_images.py": "needs the reader of that training; a test reads with a shipped one",
     "activetouch reproduce --parts table1": "trains for half an hour; the tests train on less",
 }
 if find_spec("ap_gym") is None:
@@ -53,8 +54,10 @@ if find_spec("ap_gym") is None:
 
 def commands(page: str) -> list[str]:
     """Lines of the shell blocks of a page, without comments."""
-    lines = (re.sub(r"\s+# .*", "", line).strip() for line in shell_lines((ROOT / page).read_text()))
-    return [line for line in lines if line]
+    lines = [re.sub(r"\s+# .*", "", line).strip() for line in shell_lines((ROOT / page).read_text())]
+    if page == "docs/reproduction.md":
+        lines += [line for *_, cell in METHOD for line in command_lines(cell)]
+    return [line for line in dict.fromkeys(lines) if line and line != "activetouch reproduce"]  # its parts are run
 
 
 def smaller(line: str) -> str:
@@ -75,6 +78,7 @@ def _prepare(folder: Path) -> None:
         if path.name in ("README.md", "Makefile", "benchmarks", "tests", "docs", "pyproject.toml"):
             (folder / path.name).symlink_to(path)
     subprocess.run(["cp", "-r", ROOT / "examples", folder / "examples"], check=True)
+    (folder / "mujoco_menagerie").symlink_to(ROOT / "tests/fixtures/menagerie")
     box = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T * [0.016, 0.012, 0.020]
     wedge, tower = box.copy(), box * [1.0, 1.0, 1.2]
     wedge[wedge[:, 2] > 0, 0] *= 0.2

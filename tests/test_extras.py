@@ -59,6 +59,7 @@ def test_searches_need_no_training_stack(python, tmp_path):
 
 NEED = {
     ("train",): "train",
+    ("live", "--target", "cone", "--view", "session.rrd"): "view",
     ("reproduce", "--parts", "table1"): "train",
     ("train-ppo",): "rl",
     ("train-ppo", "--tensorboard", "logs"): "rl",
@@ -107,7 +108,7 @@ def test_an_environment_names_the_extra_that_it_needs(python):
 
 
 def test_every_module_of_an_extra_is_required_by_it_and_by_nothing_else():
-    distributions = {"sklearn": "scikit-learn", "collada": "pycollada"} | {
+    distributions = {"sklearn": "scikit-learn", "collada": "pycollada", "rerun": "rerun-sdk"} | {
         module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib", "pomdp_py")
     }
     needed = [line.replace('"', "'") for line in requires("activetouch")]

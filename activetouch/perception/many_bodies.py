@@ -16,6 +16,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from activetouch.errors import WrongScene
@@ -160,7 +161,7 @@ def _key(reader: TactileReader, scene: Scene, plan: NestedPlan) -> dict[str, Any
         "reader": reader.digest,
         "scene": fields,
         "plan": [asdict(plan.views), plan.pressed, *plan.levels_of(len(scene.shapes))],
-        "strangers": [asdict(plan.look), plan.check, USUAL if plan.tolerance is None else [plan.tolerance]],
+        "strangers": ["images", asdict(plan.look), plan.check, USUAL if plan.tolerance is None else [plan.tolerance]],
         "effort": asdict(plan.effort),
         "version": version("activetouch"),
     }
@@ -202,12 +203,13 @@ def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, strangers:
     """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
     rng, logs, number = np.random.default_rng(0xF17), model.cells.log_shares, len(model.shape_labels)
     truths = rng.permutation(np.arange(max(number, plan.pressed)) % number)[: plan.pressed].tolist()
-    felt, cases, orders = [], [], []
+    seen, felt, cases, orders = [], [], [], []
     for truth in truths:
         obj, belief = scene.sample_object(truth, rng), model.start().belief
         own = inexact(strangers.bodies.solids[truth], plan.tolerance, rng)
         poses = rng.permutation(model.num_poses)[:TOUCHES].tolist()
         images = np.stack([scene.press(replace(obj, member=own), pose, rng).image for pose in poses])
+        seen.append(images)
         felt.append(reader.run(images)[0])
         orders.append(poses)
         for count, (pose, embedding) in enumerate(zip(poses, felt[-1], strict=True), 1):
@@ -239,7 +241,7 @@ def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, strangers:
     some = every[rng.permutation(len(every))[:_REFERENCES]]
     fitted = replace(model, scale=float(np.exp(-best[0])), drift=float(best[1]))
     references = some.astype(np.float16).astype(np.float32)
-    return Fit(fitted.scale, fitted.drift, references, *_densities(fitted, strangers, truths, orders, felt))
+    return Fit(fitted.scale, fitted.drift, references, *_densities(fitted, strangers, truths, orders, seen, felt))
 
 
 def _densities(
@@ -247,6 +249,7 @@ def _densities(
     strangers: Strangers,
     truths: Sequence[int],
     orders: Sequence[Sequence[int]],
+    seen: Sequence[NDArray[np.uint8]],
     felt: Sequence[Floats32],
 ) -> tuple[TwoDensities | None, TwoDensities | None]:
     """Of sums and checks of :class:`Strangers`: pressed objects in the set, and with their own body left out of it."""
@@ -256,10 +259,10 @@ def _densities(
     quick = replace(model, bodies=unseen)  # the sums are those of views
     sums = np.zeros((2, len(truths), TOUCHES))
     checks: tuple[list[tuple[int, float]], list[tuple[int, float]]] = ([], [])
-    for row, (truth, poses, embeddings) in enumerate(zip(truths, orders, felt, strict=True)):
+    for row, (truth, poses) in enumerate(zip(truths, orders, strict=True)):
         evidence, next_check = quick.start(), [0, 0]
-        for count, (pose, embedding) in enumerate(zip(poses, embeddings, strict=True), 1):
-            evidence = evidence.update(Touch(pose, features=embedding.astype(float)))
+        for count, (pose, image, embedding) in enumerate(zip(poses, seen[row], felt[row], strict=True), 1):
+            evidence = evidence.update(Touch(pose, features=embedding.astype(float), image=image))
             logs = evidence.belief.log_evidence
             for kind, listed in enumerate((logs, np.delete(logs, truth))):
                 sums[kind, row, count - 1] = strangers.fit_of(evidence, listed)

@@ -26,7 +26,7 @@ from belief.validation import Floats
 DRAWN = 32
 """Presses that a felt image is compared with."""
 _EDGE = 16  # largest number of pixels along an edge that are compared
-_BISECTIONS = 18
+_NEWTON, _CLOSE = 20, 1e-6  # steps, and the largest last one, relative to the deepest indentation
 _BLUR_REACH = 4.0  # standard deviations
 _LEAST_SPREAD = 0.02  # of a pixel, relative to full scale
 _LARGEST = 6.0  # residual of a pixel
@@ -48,10 +48,6 @@ class PressedBeliefs:
     imaging: Imaging
     bodies: Bodies
     width: float
-
-    def felt(self, image: NDArray[np.uint8]) -> Floats32:
-        """An image as it is compared, ``(e, e)`` in [0, 1]."""
-        return _binned(image[None].astype(np.float32) / 255.0, min(_EDGE, len(image)))[0]
 
     def pressed(
         self, shape: int, chosen: NDArray[np.int64], pose: int, state: SensorState, rng: np.random.Generator
@@ -76,6 +72,11 @@ class PressedBeliefs:
             surface, pixel = solids[member].surface, window.edge / window.num_pixels
             maps[rows] = heights(surface, axes[rows], places[rows], pixel, window.num_pixels, np.float32)
         return _images(imaging, maps, state, rng)
+
+
+def compared(images: NDArray[np.uint8]) -> Floats32:
+    """Images ``(n, h, w)`` as they are compared, ``(n, e, e)`` in [0, 1]."""
+    return binned(images.astype(np.float32) / 255.0, min(_EDGE, images.shape[1]))
 
 
 class Residuals(NamedTuple):
@@ -132,35 +133,48 @@ def oddness(objects: Sequence[Residuals]) -> float:
 def _images(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator) -> Floats32:
     """As :func:`activetouch.perception.contacts.images.images` in one state, of few pixels, without torch."""
     number, samples = len(reached), imaging.samples
-    highest = reached.max(axis=(1, 2))
-    gap = np.where(np.isfinite(reached), np.where(np.isfinite(highest), highest, 0.0)[:, None, None] - reached, 1.0)
-    stiffness, deepest = float(state.stiffness[0]), imaging.pad.max_depth
-    load = rng.uniform(*imaging.force, number) * float(state.force[0]) / (stiffness * imaging.pad.stiffness)
-    seen = _indentation(gap, load / (2 * imaging.pad.half_width / samples) ** 2, deepest) * (stiffness / deepest)
+    seen = pressures(imaging, reached, rng.uniform(*imaging.force, number), state)
     rows, columns = np.round(state.shift[0] * samples).astype(int)
     if rows or columns:
         moved = np.zeros((number, 3 * samples, 3 * samples), np.float32)
         moved[:, samples + rows : 2 * samples + rows, samples + columns : 2 * samples + columns] = seen
         seen = moved[:, samples : 2 * samples, samples : 2 * samples]
-    if (std := float(state.blur[0]) * samples) > 0.0:
-        distance = np.arange(samples)[:, None] - np.arange(samples)
-        weight = np.exp(-0.5 * (distance / std) ** 2) * (np.abs(distance) <= _BLUR_REACH * std + 0.5)
-        offsets = np.arange(-2 * samples, 2 * samples + 1)
-        weight /= (np.exp(-0.5 * (offsets / std) ** 2) * (np.abs(offsets) <= _BLUR_REACH * std + 0.5)).sum()
-        seen = weight @ seen @ weight
+    seen = blurred(seen, state)
     gain = float(state.gain[0]) * rng.uniform(1.0 - imaging.gain, 1.0 + imaging.gain, (number, 1, 1))
     seen = np.maximum(seen * gain - float(state.hysteresis[0]), 0.0)
     taxels = imaging.taxels if state.wide[0] == 0 else int(imaging.pixels / 2 ** state.wide[0])
     shown = min(taxels, samples)
-    values, std = _binned(seen, shown), float(state.noise[0]) * imaging.noise
+    values, std = binned(seen, shown), float(state.noise[0]) * imaging.noise
     spread = np.full(values.shape, std, np.float32)
     if taxels > samples and std > 0.0:  # the mean of many taxels, whose noise is clipped at zero
         values, spread = _clipped(values, std, taxels // samples)
     noisy = np.clip(values + spread * rng.normal(size=values.shape), 0.0, 1.0)
     dead, stuck = (regridded(cells, shown)[0] for cells in (state.dead, state.stuck))
     if imaging.dead is not None:
-        dead = np.minimum(dead + _binned(imaging.dead[None].astype(np.float32), shown)[0], 1.0)
-    return _binned(noisy * (1.0 - dead) * (1.0 - stuck) + stuck, min(_EDGE, shown)).astype(np.float32)
+        dead = np.minimum(dead + binned(imaging.dead[None].astype(np.float32), shown)[0], 1.0)
+    return binned(noisy * (1.0 - dead) * (1.0 - stuck) + stuck, min(_EDGE, shown)).astype(np.float32)
+
+
+def pressures(imaging: Imaging, reached: Floats32, force: Floats, state: SensorState) -> Floats32:
+    """Pressure of heights that reach towards the pad ``(n, s, s)``, relative to the largest; ``force (n,)`` [N]."""
+    highest = reached.max(axis=(1, 2))
+    gap = np.where(np.isfinite(reached), np.where(np.isfinite(highest), highest, 0.0)[:, None, None] - reached, 1.0)
+    stiffness, deepest = float(state.stiffness[0]), imaging.pad.max_depth
+    load = force * float(state.force[0]) / (stiffness * imaging.pad.stiffness)
+    pixel = 2 * imaging.pad.half_width / imaging.samples
+    return _indentation(gap, load / pixel**2, deepest) * np.float32(stiffness / deepest)
+
+
+def blurred(seen: Floats32, state: SensorState) -> Floats32:
+    """Images ``(n, s, s)`` after the blur of the sensor."""
+    samples = seen.shape[-1]
+    if (std := float(state.blur[0]) * samples) <= 0.0:
+        return seen
+    distance = np.arange(samples)[:, None] - np.arange(samples)
+    weight = np.exp(-0.5 * (distance / std) ** 2) * (np.abs(distance) <= _BLUR_REACH * std + 0.5)
+    offsets = np.arange(-2 * samples, 2 * samples + 1)
+    weight /= (np.exp(-0.5 * (offsets / std) ** 2) * (np.abs(offsets) <= _BLUR_REACH * std + 0.5)).sum()
+    return np.asarray(weight @ seen @ weight)
 
 
 def _clipped(values: Floats32, std: float, taxels: int) -> tuple[Floats32, Floats32]:
@@ -173,16 +187,19 @@ def _clipped(values: Floats32, std: float, taxels: int) -> tuple[Floats32, Float
 
 
 def _indentation(gap: Floats32, load: Floats, deepest: float) -> Floats32:
-    """Indentation of every point whose sum is ``load``, unless the layer bottoms out, by bisection."""
-    low, high = np.zeros(len(gap), np.float32), np.full(len(gap), deepest, np.float32)
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        is_short = np.maximum(middle[:, None, None] - gap, 0.0).sum(axis=(1, 2)) < load
-        low, high = np.where(is_short, middle, low), np.where(is_short, high, middle)
-    return np.maximum(low[:, None, None] - gap, 0.0)
+    """Indentation of every point whose sum is ``load``, unless the layer bottoms out, by Newton's method."""
+    depth = np.full(len(gap), deepest, np.float32)
+    for _ in range(_NEWTON):  # the sum is convex in the depth, so that the steps go down to the root
+        indented = np.maximum(depth[:, None, None] - gap, 0.0)
+        excess, touching = indented.sum(axis=(1, 2)) - load, np.count_nonzero(indented, axis=(1, 2))
+        step = np.maximum(excess / np.maximum(touching, 1), 0.0).astype(np.float32)
+        depth -= step
+        if (step <= _CLOSE * deepest).all():
+            break
+    return np.maximum(depth[:, None, None] - gap, 0.0)
 
 
-def _binned(maps: Floats32, edge: int) -> Floats32:
+def binned(maps: Floats32, edge: int) -> Floats32:
     """Means of square blocks: images of ``edge`` pixels along an edge."""
     n = maps.shape[-1] // edge
     maps = maps[:, : n * edge, : n * edge]

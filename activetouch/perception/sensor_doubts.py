@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, regridded, sensor_state
-from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, oddness
+from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds, in_unknown_state, with_changes
 from activetouch.poses import turned
@@ -203,9 +203,9 @@ class SensorDoubts:
         pressed, rng = self._pressed(len(log_weights)), np.random.default_rng(list(_digest(touches)))
         shares = np.exp(log_weights - log_weights.max())
         chosen = rng.choice(len(shares), DRAWN, p=shares / shares.sum())
-        images = [touch.image for touch in touches if touch.image is not None]
+        images = [compared(touch.image[None])[0] for touch in touches if touch.image is not None]
         drawn = [pressed.pressed(shape, chosen, int(touch.pose), state, rng) for touch in touches]
-        return Residuals.of([pressed.felt(image) for image in images], drawn)
+        return Residuals.of(images, drawn)
 
     def _pressed(self, number: int) -> PressedBeliefs:
         if number not in self._by_number:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from activetouch.perception.contacts.close_look import CloseContacts
 from activetouch.perception.contacts.random_views import log_normalisers
 from activetouch.perception.imaging import Floats32
+from activetouch.perception.pressed_beliefs import Residuals, compared, oddness
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from belief.files import array_digest
@@ -31,6 +32,7 @@ PROBABLE = 0.9
 _FREEDOM = 6  # degrees of freedom of the t-densities
 _LIKE, _SPREAD = 4, 2.0  # every standard deviation is as of so many more objects with this one
 _GRID, _FAR = 256, 4.0  # points of a density, and how far it reaches below the strangers' mean, in deviations
+_FEWEST_DRAWN = 3  # presses in a pose, from which images are compared
 _ALWAYS = 0.3  # variance of the score of a touch that presses of one hypothesis do not show
 
 
@@ -156,8 +158,10 @@ class Strangers:
     def surprise_of(self, evidence: NestedEvidence, body: int) -> float:
         """How much better what was felt fits a body than what its presses give, in standard deviations.
 
-        The body is pressed as it fits the touches best, ``check`` times in each touched pose. The generator follows
-        from the touches: the same touches give the same number.
+        The body is pressed as it fits the touches best, ``check`` times in each touched pose. Two deviations are added:
+        that of the scores, and, where touches have images, how odd these are beside those of the presses
+        (:func:`activetouch.perception.pressed_beliefs.oddness`). The generator follows from the touches: the same
+        touches give the same number.
         """
         poses = list(evidence.in_pose)
         felt = np.stack([total / np.float32(number) for number, total in evidence.in_pose.values()])
@@ -166,11 +170,16 @@ class Strangers:
         digest = array_digest({"poses": np.array(poses), "felt": felt, "body": np.array(body)})
         rng = np.random.default_rng(int(digest[:16], 16))
         obj = replace(self.scene.sample_object(body, rng), orientation=rest, scale=size)
-        images = [self.scene.press(obj, pose, rng).image for pose in poses for _ in range(self.check)]
-        given = self.reader.run(np.stack(images))[0]
+        images = np.stack([self.scene.press(obj, pose, rng).image for pose in poses for _ in range(self.check)])
+        given = self.reader.run(images)[0]
         scores = self._scores(given, expected.repeat(self.check, axis=0)).reshape(len(poses), self.check)
         spread = scores.var(axis=1, ddof=min(1, self.check - 1)) * (1.0 + 1.0 / self.check) + _ALWAYS
-        return float((self._scores(felt, expected) - scores.mean(axis=1)).sum() / np.sqrt(spread.sum()))
+        found = float((self._scores(felt, expected) - scores.mean(axis=1)).sum() / np.sqrt(spread.sum()))
+        if not evidence.images or self.check < _FEWEST_DRAWN:
+            return found
+        drawn = dict(zip(poses, np.split(compared(images), len(poses)), strict=True))
+        shown = [compared(image[None])[0] for _, image in evidence.images]
+        return found - oddness([Residuals.of(shown, [drawn[pose] for pose, _ in evidence.images])])
 
     def _scores(self, felt: NDArray[np.floating], expected: Floats32) -> Floats:
         """Log p(touch | its contact) / p(touch | some body), ``(n,)``."""

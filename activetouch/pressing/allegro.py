@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from activetouch.poses import Placement, multiply, to_matrix, turn
 from activetouch.pressing.closing import Closing, Gripper, add_body, add_finger_pad, in_front
 from activetouch.pressing.contact import Pad
+from activetouch.pressing.surroundings import ALLEGRO, menagerie_file
 from activetouch.solids.solid import Floats
 from belief.errors import InvalidArgument
 
-FILE = Path("wonik_allegro", "right_hand.xml")
-"""The model of the hand in a copy of MuJoCo Menagerie."""
 ALLEGRO_PAD = Pad(half_width=0.010, half_thickness=0.003, num_taxels=32)
 """A pad as wide as a fingertip."""
 ALLEGRO_LAW = Closing(speed=0.05, admittance=0.03)
@@ -52,12 +51,7 @@ class AllegroFingers(Gripper):
     camera = (0.075, 0.015, 0.0), 0.32
 
     def __init__(self, law: Closing, folder: Path, pad: Pad, placement: Placement, depth: float) -> None:
-        file = folder / FILE
-        if not file.is_file():
-            raise FileNotFoundError(
-                f"{file} does not exist; give a copy of MuJoCo Menagerie, whose folder wonik_allegro has the model of "
-                "the hand (github.com/google-deepmind/mujoco_menagerie)"
-            )
+        file = menagerie_file(folder, ALLEGRO)
         spec = mujoco.MjSpec.from_file(str(file))
         if lacks := [name for name in _MOUNTS if spec.body(f"{name}_tip") is None]:
             raise InvalidArgument(f"{file} is no model of the right Allegro hand: it has no body {lacks[0]}_tip")

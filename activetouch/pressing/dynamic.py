@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from activetouch.pressing.rig import Rig
+    from activetouch.pressing.surroundings import Surroundings
 
 _LONGEST_STEP = 0.001  # [m]
 _NUM_DIRECTIONS = 32  # in which the hull of what faces the pad is exact, besides the one towards the pad
@@ -39,6 +40,7 @@ class SteppedPress(Press):
     speed: float
     pause: float
     start: float
+    surroundings: Surroundings | None
 
     def __post_init__(self) -> None:
         if not self.pause >= self.timestep > 0.0:
@@ -51,20 +53,22 @@ class SteppedPress(Press):
 
     def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel:
         """See :class:`Press`."""
-        from activetouch.pressing.rig import build_spec  # loads MuJoCo
+        return self._rig(pad, shape).model
 
-        return build_spec(pad, shape.geom, self.timestep, self.traced).compile()
+    def _rig(self, pad: Pad, shape: Shape, facing: Geom | None = None) -> Rig:
+        """The rig of a shape, or of the geom that stands for it."""
+        from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
+
+        around = None if self.surroundings is None else self.surroundings.beside(shape)
+        if facing is None:
+            return shared_rig(pad, shape, self.timestep, self.traced, around)
+        return Rig(pad, facing, self.timestep, self.traced, around=around)
 
     def _begin(self, pad: Pad, placement: Placement, target_force: float) -> tuple[Rig, float, Floats, float]:
         """The rig with the object at the start, the position of its centre [m], and the first touch."""
-        from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
-
         require_rule("target_force", target_force, NOT_NEGATIVE)
         gap, touching = first_touch(pad, placement)
-        if (facing := facing_geom(pad, placement, gap, touching)) is None:
-            rig = shared_rig(pad, placement.shape, self.timestep, self.traced)
-        else:
-            rig = Rig(pad, facing, self.timestep, self.traced)
+        rig = self._rig(pad, placement.shape, facing_geom(pad, placement, gap, touching))
         position = max(self.start, placement.bounding_radius + pad.max_depth)
         rig.place(position, placement)
         return rig, position, gap, touching
@@ -87,6 +91,7 @@ class Dynamic(SteppedPress):
         start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
         travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
         traced: whether to record force vector and contact point in every step, for ``Contact.trace``.
+        surroundings: what else to simulate, which no touch depends on.
     """
 
     timestep: float = 0.002
@@ -98,6 +103,7 @@ class Dynamic(SteppedPress):
     start: float = 0.05
     travel: float = 0.005
     traced: bool = False
+    surroundings: Surroundings | None = field(default=None, repr=False, metadata={"changes_touches": False})
 
     def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
@@ -162,7 +168,7 @@ class GuardedMove(SteppedPress):
     before the first contact and ends when the pad is free again.
 
     Attributes:
-        timestep, start, travel: as of :class:`Dynamic`.
+        timestep, start, travel, surroundings: as of :class:`Dynamic`.
         speed: forward and backward [m/s].
         pause: time to hold the position before the force is read [s].
         rotation_time: of the object between two presses [s], on which no touch depends.
@@ -174,6 +180,7 @@ class GuardedMove(SteppedPress):
     start: float = 0.04
     travel: float = 0.005
     rotation_time: float = 0.2
+    surroundings: Surroundings | None = field(default=None, repr=False, metadata={"changes_touches": False})
 
     def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`; ``target_force`` is the threshold."""

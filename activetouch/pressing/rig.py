@@ -8,13 +8,14 @@ valid.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.errors import WrongMujoco
 from activetouch.poses import Placement
@@ -42,6 +43,10 @@ NO_CONTACT = {"contype": 0, "conaffinity": 0}  # except of pairs
 FORCE, _POSITION, _NET_FORCE = 1 << 1, 1 << 4, 3  # settings of MuJoCo's contact sensor
 
 
+Around: TypeAlias = Callable[[mujoco.MjSpec, Pad], None]
+"""Adds what stands around pad and object, without contacts, after the bodies of a press."""
+
+
 def build_spec(
     pad: Pad, geom: Geom, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
 ) -> mujoco.MjSpec:
@@ -49,17 +54,23 @@ def build_spec(
     spec = mujoco.MjSpec()
     set_options(spec, timestep)
     add_pad(spec.worldbody, "pad", pad, rgba=_DARK)
-    guide = spec.worldbody.add_body(name="guide")
-    guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+    guide = add_guide(spec, "guide")
     body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
     add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=ORANGE, **NO_CONTACT)
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=PAD_SOLIMP)
-    actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_position(kp=SERVO_STIFFNESS, dampratio=1.0)
     if traced:
         add_sensor(spec, "pad", FORCE | _POSITION)
     return spec
+
+
+def add_guide(spec: mujoco.MjSpec, name: str, place: ArrayLike = (0.0, 0.0, 0.0)) -> mujoco.MjsBody:
+    """Add a body that a servo moves along x, for an object."""
+    guide = spec.worldbody.add_body(name=name, pos=place)
+    guide.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+    actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.set_to_position(kp=SERVO_STIFFNESS, dampratio=1.0)
+    return guide
 
 
 def set_options(spec: mujoco.MjSpec, timestep: float) -> None:
@@ -122,12 +133,23 @@ class Rig:
     """
 
     def __init__(
-        self, pad: Pad, geom: Geom, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
+        self,
+        pad: Pad,
+        geom: Geom,
+        timestep: float,
+        traced: bool = False,
+        largest_scale: float = LARGEST_SCALE,
+        around: Around | None = None,
     ) -> None:
         stop_clock()
-        self.model = build_spec(pad, geom, timestep, traced, largest_scale).compile()
+        spec = build_spec(pad, geom, timestep, traced, largest_scale)
+        if around is not None:
+            around(spec, pad)
+        self.model = spec.compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
+        if self.model.nkey:  # where the robot stands
+            mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
         self._fresh = np.empty(mujoco.mj_stateSize(self.model, _STATE))  # state of a model that was never stepped
         mujoco.mj_getState(self.model, self.data, self._fresh, _STATE)
         self._traced = traced
@@ -231,6 +253,6 @@ class Rig:
 
 
 @lru_cache(maxsize=64)
-def shared_rig(pad: Pad, shape: Shape, timestep: float, traced: bool) -> Rig:
+def shared_rig(pad: Pad, shape: Shape, timestep: float, traced: bool, around: Around | None = None) -> Rig:
     """The cached rig of this process; a press does not depend on earlier ones, but only one can run at a time."""
-    return Rig(pad, shape.geom, timestep, traced)
+    return Rig(pad, shape.geom, timestep, traced, around=around)

@@ -22,6 +22,7 @@ from belief.problem import Elsewhere, Touch
 from belief.validation import are_finite
 
 if TYPE_CHECKING:
+    from activetouch.pose_belief import PoseBelief
     from activetouch.recorded.reader import RecordedReader
 
 _BLANKS, _USUAL = 100, 0.98  # images of no contact, and the share of them that is taken for one
@@ -49,6 +50,12 @@ class SensorReader:
         """The image as bytes, the touch that it shows, and the area of the contact [m²]; see :func:`checked_image`."""
         checked = checked_image(image, self.scene.image_shape)
         return checked, self.touches(checked[None], [pose])[0], self.area(checked)
+
+    def pose(self, evidence: Any, shape: int, poses: Sequence[int], images: Sequence[NDArray[np.uint8]]) -> PoseBelief:
+        """How an object of a shape lies; see :func:`activetouch.perception.pose_search.pose_of`."""
+        from activetouch.perception.pose_search import pose_of  # only those who ask need it
+
+        return pose_of(self.scene, evidence, shape, poses, images)
 
     def area(self, image: NDArray[np.uint8]) -> float:
         """Area of the taxels that read more than without contact [m²]; 0 for an image like 98 of 100 of no contact.

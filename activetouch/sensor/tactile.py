@@ -41,6 +41,7 @@ from planners.session import SessionSettings
 
 if TYPE_CHECKING:
     from activetouch.perception.many_bodies import NestedPlan
+    from activetouch.pose_belief import PoseBelief
     from activetouch.sensor.recorded import RecordedSensor
     from activetouch.sensor.session_reader import SensorReader
     from activetouch.shapes import Shape
@@ -281,10 +282,29 @@ class TactileSensor:
         each_read = zip(indices, logits, read, kept, strict=True)
         return [Touch(pose, own_logits, row, image=image) for pose, own_logits, row, image in each_read]
 
+    def pose(self, shape: Name, images: NDArray[np.uint8], poses: Sequence[Name]) -> PoseBelief:
+        """How an object lies, from the images of its touches and the poses that they were felt in.
+
+        Args:
+            shape: its label or index.
+            images: uint8, ``(N, H, W)``, of one object.
+            poses: labels or indices, ``(N,)``.
+
+        Raises:
+            InvalidArgument: the sensor's belief knows nothing of how objects lie.
+            UnknownName: there is no such shape or pose.
+        """
+        evidence: Any = self.model.start()
+        touches = self.read(images, poses)
+        for touch in touches:
+            evidence = evidence.update(touch)
+        index = index_of("shape", self.shape_labels, shape)
+        return self.image_reader.pose(evidence, index, [touch.pose for touch in touches], list(images))
+
     @property
     def _keeps_images(self) -> bool:
-        """Whether touches keep their images: for a model that may read them again."""
-        return hasattr(self.model, "doubts")
+        """Whether touches keep their images: for a model that may read them again, or compare them with presses."""
+        return hasattr(self.model, "doubts") or getattr(self.model, "strangers", None) is not None
 
     @property
     def digest(self) -> str:

@@ -30,12 +30,15 @@ from belief.files import plain_number, require_regular_file
 MOST_BYTES = 256 * 2**20
 """Of a file, with the buffers that it names, or of an archive that is unpacked."""
 _MOST_JSON = 16 * 2**20  # of a header, without the data in its texts; objects of Python are 20 times as large
+_MOST_TEXT = 64 * 2**20  # of glTF, whose data in texts take four times their length
 _MOST_TAGS, _MOST_MEMBERS = 3_000_000, 10_000
 MOST_TRIANGLES = 5_000_000
 """Of all parts of an object, counted wherever they are placed."""
 _DEEPEST = 100  # of parts in parts
 _PLAIN = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1", "windows-1252")  # in which markup is ASCII
 _ENCODING = re.compile(rb"""^(?:\xef\xbb\xbf)?\s*<\?xml[^>]*?\bencoding\s*=\s*["']([^"']*)""")
+# Without a material that is missing, pycollada leaves out the geometry that is bound to it as well.
+_MATERIALS = re.compile(rb"<bind_material\b(?:[^<]++|<(?!/?bind_material))*+</bind_material>")
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _FLOAT, _TRIANGLES, _STRIP, _FAN = 5126, 4, 5, 6
@@ -47,6 +50,9 @@ def read_by_library(path: Path, content: bytes) -> tuple[Triangles, float | None
     """Vertices and triangles in the unit of a file, and metres per unit where it states another than metres."""
     kind = path.suffix.lower()
     try:
+        if kind == ".dae":
+            _require_few_tags(content)
+            content = _MATERIALS.sub(b"", content)
         buffers, unit = _CHECKS[kind](content, path)
         return _loaded(content, kind[1:], buffers), unit
     except ValueError:
@@ -66,8 +72,7 @@ def xml_root(content: bytes) -> ElementTree.Element:
         raise ValueError("its encoding is not read; save it as UTF-8")
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("it declares a document type, whose entities are not read; remove the line <!DOCTYPE")
-    if (number := content.count(b"<")) > _MOST_TAGS:
-        raise ValueError(f"it has {number} tags, {_MOST_TAGS} are the most; simplify it")
+    _require_few_tags(content)
     try:
         root = ElementTree.fromstring(content.strip())
     except ElementTree.ParseError as error:
@@ -75,6 +80,11 @@ def xml_root(content: bytes) -> ElementTree.Element:
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     return root
+
+
+def _require_few_tags(content: bytes) -> None:
+    if (number := content.count(b"<")) > _MOST_TAGS:
+        raise ValueError(f"it has {number} tags, {_MOST_TAGS} are the most; simplify it")
 
 
 def below(folder: Path, name: str) -> Path:
@@ -109,9 +119,13 @@ def _check_gltf(content: bytes, path: Path) -> tuple[dict[str, bytes], None]:
         if (magic, version, chunk) != (b"glTF", 2, b"JSON"):
             raise ValueError("it does not begin like a GLB file of version 2")
         text = content[20 : 20 + length]
+    elif len(content) > _MOST_TEXT:
+        raise ValueError(f"it has {len(content)} bytes of text, {_MOST_TEXT} are the most; export it as GLB")
     if len(re.sub(rb'"data:[^"]*"', b"", text)) > _MOST_JSON:
         raise ValueError(f"its header has more than {_MOST_JSON} bytes; simplify it")
     tree = json.loads(text)
+    if (version := str(tree["asset"]["version"])).partition(".")[0] != "2":
+        raise ValueError(f"it is glTF {version:.20}, of which 2.0 is read; export it anew")
     if compressed := _COMPRESSED & {*tree.get("extensionsRequired", [])}:
         raise ValueError(f"it is compressed with {min(compressed)}; export it without compression")
     buffers, available = dict[str, bytes](), len(content)
@@ -169,6 +183,8 @@ def _num_triangles(primitive: Mapping[str, Any], accessors: list[Any]) -> int:
 def _check_dae(content: bytes, path: Path) -> tuple[None, float | None]:
     root = xml_root(content)
     by_url = {f"#{one.get('id')}": one for one in root.iter() if one.get("id")}
+    if any(True for _ in root.iter("instance_controller")):
+        raise ValueError("it has parts on a skeleton, which are not read; export it without")
     for polygons in root.iter("polylist"):
         corners = sum(int(word) for one in polygons.iter("vcount") for word in (one.text or "").split())
         if corners > sum(map(_num_words, polygons.iter("p"))):
@@ -184,7 +200,7 @@ def _check_dae(content: bytes, path: Path) -> tuple[None, float | None]:
         return 0 if one.tag == "node" else sum(map(_num_words, one.iter("p"))) // 3
 
     def _is_placed(one: ElementTree.Element) -> bool:
-        return one.get("url") in by_url and one.tag in ("instance_node", "instance_geometry", "instance_controller")
+        return one.get("url") in by_url and one.tag in ("instance_node", "instance_geometry")
 
     _require_few([node for scene in root.iter("visual_scene") for node in scene.findall("node")], parts, size)
     unit = root.find("asset/unit")
@@ -206,8 +222,12 @@ def _check_3mf(content: bytes, path: Path) -> tuple[None, float]:
         members = archive.infolist()
         if (size := sum(one.file_size for one in members)) > MOST_BYTES:
             raise ValueError(f"it unpacks to {size} bytes, {MOST_BYTES} are the most")
+        if len({one.filename.lower() for one in members}) < len(members):
+            raise ValueError("its archive has two files of one name")
         models = {one.filename: xml_root(archive.read(one)) for one in members if one.filename.endswith(".model")}
-    root = next(model for name, model in models.items() if "3d/3dmodel.model" in name.lower())
+    root = next((model for name, model in models.items() if "3d/3dmodel.model" in name.lower()), None)
+    if root is None:
+        raise ValueError("its archive has no file 3D/3dmodel.model")
     objects = {one.get("id"): one for one in root.iter("object")}
     other = [name.strip("/") for one in root.iter("component") for key, name in one.items() if key.endswith("path")]
     if len({*other}) < len(other) or any(len(list(models[name].iter("mesh"))) > 1 for name in other if name in models):

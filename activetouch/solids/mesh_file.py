@@ -112,7 +112,8 @@ class Lines:
     """The lines of a text that are not empty, as words without comments; ``number`` is that of the last line."""
 
     def __init__(self, content: bytes) -> None:
-        self._text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", errors="replace")
+        encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+        self._text = io.TextIOWrapper(io.BytesIO(content), encoding=encoding, errors="replace")
         self.number = 0
 
     def __iter__(self) -> Iterator[list[str]]:
@@ -234,7 +235,7 @@ def _byte_rows(content: bytes, place: int, order: str) -> Rows:
 
 
 def read_ply(content: bytes) -> tuple[Floats, Ints]:
-    """The faces of a PLY file of text or bytes; elements besides vertices and faces are skipped."""
+    """The faces of a PLY file of text or bytes; elements besides vertices, faces and strips are skipped."""
     header = _PLY_HEADER.match(content)
     if header is None:
         raise ValueError("it has no header from 'ply' to 'end_header'")
@@ -268,8 +269,9 @@ def _ply_header(text: str) -> tuple[str, list[Element]]:
         raise ValueError(f"its format is {encoding[:40]!r}; ascii, {' and '.join(_ORDERS)} are read")
     for kind, _, properties in elements:
         names = [name for name, *_ in properties]
-        needed = {"vertex": {"x", "y", "z"}, "face": {*_CORNERS}}.get(kind, {*names})
-        has_all = bool(needed & {*names}) if kind == "face" else needed <= {*names}
+        has_corners = kind in ("face", "tristrips")
+        needed = {*_CORNERS} if has_corners else {"x", "y", "z"} if kind == "vertex" else {*names}
+        has_all = bool(needed & {*names}) if has_corners else needed <= {*names}
         if not names or not has_all:
             raise ValueError(f"its element {kind} needs the properties {sorted(needed)}, it has {names[:12]}")
     return encoding, elements
@@ -287,9 +289,19 @@ def _fill_from_ply(surface: SurfaceBuilder, elements: Sequence[Element], rows: R
                 row[name] = take(code, length)
             if kind == "vertex":
                 surface.coordinates.extend([row[axis][0] for axis in "xyz"])
-            elif kind == "face":
-                corners = next(row[name] for name in _CORNERS if name in row)
-                surface.add_face([index_of_vertex(corner) for corner in corners])
+            elif kind in ("face", "tristrips"):
+                corners = [index_of_vertex(one) for one in next(row[name] for name in _CORNERS if name in row)]
+                for face in [corners] if kind == "face" else _of_strips(corners):
+                    surface.add_face(face)
+
+
+def _of_strips(corners: Sequence[int]) -> Iterator[tuple[int, int, int]]:
+    """The triangles of strips, after each of which stands -1; every second one is turned round."""
+    start = 0
+    for place, (a, b, c) in enumerate(zip(corners, corners[1:], corners[2:], strict=False)):
+        start = place + 1 if a == -1 else start
+        if min(a, b, c) != -1:
+            yield (a, b, c) if (place - start) % 2 == 0 else (b, a, c)
 
 
 _OFF = re.compile(r"(?:ST)?C?N?OFF(\d*)", re.IGNORECASE)  # in some files the first number follows without a space
@@ -378,7 +390,8 @@ def read_triangles(path: Path) -> tuple[Floats, Ints, float | None]:
     try:
         if (size := path.stat().st_size) > MOST_BYTES:
             raise ValueError(f"it has {size} bytes, {MOST_BYTES} are the most; simplify it")
-        content = path.read_bytes()
+        if not (content := path.read_bytes()):
+            raise ValueError("it is empty")
         if kind in _READERS:
             return *_READERS[kind](content), None
         (vertices, faces), unit = read_by_library(path, content)

@@ -4,34 +4,53 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.poses import Placement
-from activetouch.pressing.contact import Pad, first_touch
+from activetouch.pressing.contact import Pad, Trace, first_touch
 from activetouch.pressing.rig import Rig
+
+if TYPE_CHECKING:
+    from activetouch.pressing.surroundings import Surroundings
 
 _SKY = (237, 240, 245)
 _LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light
 _AZIMUTH, _ELEVATION = np.deg2rad([128.0, -27.0])  # direction of the camera: from the front right and above
 _FIELD_OF_VIEW = np.deg2rad(35.0)  # vertical
 _SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; the other groups hold geoms that only collide
+_WHOLE = 1.6  # distance at which a camera sees a whole model, relative to its extent
 _MOST_FRAMES, _FRAME = 40, (320, 240)  # number and size [pixels] of the frames of an animation
 
 
-def press_picture(pad: Pad, placement: Placement, depth: float, **view: Any) -> NDArray[np.uint8]:
+def press_picture(
+    pad: Pad, placement: Placement, depth: float, around: Surroundings | None = None, **view: Any
+) -> NDArray[np.uint8]:
     """A picture of the object pressed ``depth`` [m] into the pad; ``view`` is size and sky of :func:`cast_rays`."""
     _, touching = first_touch(pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
-    rig = Rig(pad, placement.shape.geom, timestep=0.002, largest_scale=placement.scale)
+    rig = Rig(pad, placement.shape.geom, timestep=0.002, largest_scale=placement.scale, around=around)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
-    middle = np.array([position / 2, 0.0, 0.0])
-    distance = 5.5 * max(pad.half_width, placement.bounding_radius)
-    return cast_rays(rig.model, rig.data, middle, distance, **view)
+    seen = np.array([position / 2, 0.0, 0.0]), 5.5 * max(pad.half_width, placement.bounding_radius)
+    if around is not None:
+        seen = rig.model.stat.center, _WHOLE * rig.model.stat.extent
+    return cast_rays(rig.model, rig.data, *seen, **view)
+
+
+def press_motion(path: Path, pad: Pad, placement: Placement, trace: Trace, around: Surroundings | None) -> None:
+    """Write the motion of a press as an animated picture; before it, a robot brings its hand."""
+    timestep, along = float(trace.time[-1] - trace.time[-2]), trace.position[:, 0].tolist()
+    rig = Rig(pad, placement.shape.geom, timestep, largest_scale=placement.scale, around=around)
+    rig.place(along[0], placement)
+    states, seen = [], (np.array([0.01, 0.0, 0.0]), 5.5 * max(pad.half_width, 0.02))
+    if around is not None:
+        states, seen = around.arrival(rig), (rig.model.stat.center, _WHOLE * rig.model.stat.extent)
+    states += [np.array([position, *rig.data.qpos[1:]]) for position in along]
+    write_motion(path, rig.model, states, *seen)
 
 
 def write_motion(

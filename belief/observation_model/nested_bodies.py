@@ -217,12 +217,14 @@ class NestedBodyModel(ArrayModel):
 class NestedEvidence:
     """The evidence about one rigid body, coarse to fine: a frozen value, of which an update makes a new one.
 
-    ``in_pose`` has the number of touches in each pose and the sum of their embeddings.
+    ``in_pose`` has the number of touches in each pose and the sum of their embeddings. ``images`` has the pose and the
+    image of each touch, where touches have one and the model weighs strangers.
     """
 
     model: NestedBodyModel
     belief: CoarseToFine
     in_pose: Mapping[int, tuple[int, Floats32]] = field(default_factory=dict)
+    images: tuple[tuple[int, NDArray[np.uint8]], ...] = ()
 
     @property
     def num_touches(self) -> int:
@@ -268,7 +270,10 @@ class NestedEvidence:
         more = np.float32(shares[1]) * (total + embedding) - np.float32(shares[0]) * total
         num_new = float(effective_touches([many for many, _ in in_pose.values()], correlation).sum())
         belief = self.belief.update(self.model.bodies.felt(touch.pose, more), num_new)
-        return NestedEvidence(self.model, self.model.bodies.looked(belief), in_pose)
+        images = self.images
+        if self.model.strangers is not None and touch.image is not None:
+            images = *images, (touch.pose, touch.image)
+        return NestedEvidence(self.model, self.model.bodies.looked(belief), in_pose, images)
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> NestedMixture:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`; outcomes are the model's references."""

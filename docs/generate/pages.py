@@ -21,7 +21,7 @@ ROOT = Path(__file__).parent.parent.parent
 API = {
     "belief": ("belief", "belief.synthetic", "belief.policy_state"),
     "observation models": ("belief.observation_model", "belief.observation_model.selection", "belief.touch_batch"),
-    "calibration": ("belief.calibration", "belief.metrics"),
+    "calibration": ("belief.calibration", "belief.metrics", "belief.estimators"),
     "statistics": ("belief.statistics",),
     "planners": ("planners", "planners.stopping", "planners.probing", "planners.abstaining"),
     "solver": ("planners.solve", "planners.one_touch"),

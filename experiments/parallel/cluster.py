@@ -1,4 +1,4 @@
-"""Tasks on the workers of a Dask cluster, in place of processes of this machine (decision 0112).
+"""Tasks on the workers of a Dask cluster, in place of processes of this machine (decision 0114).
 
 The process that was started writes all files: workers get tasks and return results.
 """

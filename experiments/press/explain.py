@@ -160,6 +160,7 @@ def inventory(named: NamedScene) -> list[Item]:
             Item(1, "slide joint", "of the guide, with a servo"),
             Item(model.npair, "contact pair", "pad and object; nothing else can touch"),
             Item(model.nsensor, "sensor", "force vector and contact point in every step"),
+            Item(model.njnt - 1, "joints around them", "of --full or --robot, which meet nothing"),
         ]
     coupled = named.composition is Composition.DISTINCT
     number = len(scene.shapes) * (named.num_objects if coupled else 1)

@@ -6,13 +6,14 @@ import csv
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from activetouch.poses import Placement
+from activetouch.poses import Placement, Quaternion
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.constraints import Ending
@@ -24,8 +25,9 @@ from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
     from activetouch.pressing.closing import Gripper
-    from activetouch.pressing.contact import Contact, Grasp, Trace
+    from activetouch.pressing.contact import Contact, Grasp, Press, Trace
 
+Row: TypeAlias = list[int | str]
 LOG_COLUMNS = ("press", "time", "phase", "x", "y", "z", "fx", "fy", "fz", "qw", "qx", "qy", "qz")
 """Number of the press; time [s] in it and phase; position [m], force of the pad [N] and orientation of the object."""
 
@@ -82,8 +84,8 @@ def press_all(scene: Scene, seed: int) -> Mapping[tuple[str, str, str], NDArray[
 class TouchCommand:
     """Draw one press: the scene, the height map, the images of three renderers, and the force over time.
 
-    A log (--csv) has a row for every time step: press, time [s], phase (approach, contact, pause, withdraw), position
-    x, y, z of the object [m], force fx, fy, fz of the pad on it [N], and its orientation qw, qx, qy, qz.
+    A log (--csv) has a row for every time step: press, time [s], phase (approach, contact, pause, withdraw, rotate),
+    position x, y, z of the object [m], force fx, fy, fz of the pad on it [N], and its orientation qw, qx, qy, qz.
 
     For example:
 
@@ -109,8 +111,6 @@ class TouchCommand:
     """Write every time step of the presses instead, into a file that ends in .csv."""
     presses: Count = 1
     """Presses of the object in a log; --presentation resampled turns it between them, as the paper does."""
-    menagerie: Path | None = None
-    """A copy of MuJoCo Menagerie, whose Allegro hand closes instead of pads that slide, with --hand allegro."""
     seed: Seed = 0
     """Seed of the objects' sizes and orientations and of the presses."""
     out: Picture = Path("runs/touch.png")
@@ -120,46 +120,47 @@ class TouchCommand:
     def run(self) -> None:
         """Press, and draw or write."""
         check_arguments(self)
-        scene, path = self.choice.named.scene, self.view or self.csv or self.out
+        choice, path = self.choice, self.view or self.csv or self.out
+        hand = choice.menagerie if choice.hand == "allegro" and choice.robot is None else None
+        scene = (choice if hand is None else replace(choice, menagerie=None)).named.scene
         shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
         if self.all + (self.view is not None) + (self.csv is not None) > 1:
             raise BadArgument("--all, --view and --csv are different outputs; give one of them")
         if self.presses > 1 and self.csv is None:
             raise BadArgument("--presses is the number of presses in a log; add --csv FILE.csv")
-        if self.menagerie is not None and self.choice.hand != "allegro":
-            raise BadArgument("--menagerie gives the model of an Allegro hand; add --hand allegro")
         if scene.hand is not None and (self.all or self.csv is not None or len(scene.hand) == 1):
             raise BadArgument("--hand draws a grasp of several fingers into --out FILE or --view FILE.webp alone")
         require_writable_file(path)
         if scene.hand is not None:
-            self._grasp(scene, shape, pose)
+            self._grasp(scene, shape, pose, hand)
         else:
             self._press(replace(scene, press_model=scene.press_model.with_trace()), shape, pose)
         print(f"wrote {path}")
 
     def _press(self, scene: Scene, shape: str, pose: str) -> None:
         """Press objects, and draw or animate that."""
-        from activetouch.view.picture import press_picture
+        from activetouch.view.picture import press_motion, press_picture
         from experiments.press.figures import draw_gallery, draw_touch
 
         if self.all:
             return draw_gallery(press_all(scene, self.seed), scene.pose_labels, self.out)
         presses = presses_of_new_object(scene, shape, pose, self.seed)
         if self.csv is not None:
-            return write_log((next(presses) for _ in range(self.presses)), self.csv)
+            return write_log((next(presses) for _ in range(self.presses)), self.csv, scene.press_model)
         placement, contact = next(presses)
+        around = scene.around(placement.shape)
         if self.view is not None:
-            return write_press(scene, placement, contact, self.view)
+            return press_motion(self.view, scene.pad, placement, _trace(contact), around)
         title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
-        view = press_picture(scene.pad, placement, contact.depth)
+        view = press_picture(scene.pad, placement, contact.depth, around)
         return draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
 
-    def _grasp(self, scene: Scene, shape: str, pose: str) -> None:
-        """Close the hand, and draw or animate it."""
+    def _grasp(self, scene: Scene, shape: str, pose: str, menagerie: Path | None) -> None:
+        """Close the hand, or the Allegro hand of a copy of Menagerie, and draw or animate it."""
         from activetouch.view.picture import cast_rays, write_motion
         from experiments.press.figures import draw_grasp
 
-        gripper, grasp, states = close_hand(scene, shape, pose, self.seed, self.menagerie)
+        gripper, grasp, states = close_hand(scene, shape, pose, self.seed, menagerie)
         middle, distance = np.array(gripper.camera[0]), gripper.camera[1]
         if self.view is not None:
             return write_motion(self.view, gripper.model, states, middle, distance)
@@ -169,17 +170,36 @@ class TouchCommand:
         return draw_grasp(f"a {shape} in pose {pose}: {forces} N", view, images, self.out)
 
 
-def write_log(presses: Iterable[tuple[Placement, Contact]], path: Path) -> None:
+def write_log(presses: Iterable[tuple[Placement, Contact]], path: Path, press_model: Press) -> None:
     """Write every time step of presses as CSV (paper §5.4); raises BadArgument if nothing moves in them."""
+    before = None
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(LOG_COLUMNS)
         for number, (placement, contact) in enumerate(presses):
-            trace = _trace(contact)
-            turned = [f"{part:.6f}" for part in placement.orientation]
+            trace, here = _trace(contact), placement.orientation
+            if isinstance(press_model, GuardedMove) and before is not None and (before[0] != here).any():
+                writer.writerows(_rotation(number - 1, *before, here, press_model))
             for time, phase, position, force in zip(trace.time, trace.phase, trace.position, trace.force, strict=True):
-                numbers = [f"{one:.9g}" for one in (*position, *force)]
-                writer.writerow([number, f"{time:.9g}", phase.value, *numbers, *turned])
+                writer.writerow(_log_row(number, time, phase.value, [*position, *force], here))
+            before = here, trace
+
+
+def _rotation(number: int, before: Quaternion, trace: Trace, after: Quaternion, press: GuardedMove) -> Iterator[Row]:
+    """The last phase of a press, in which the object turns where it starts (paper §5.3)."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    step = trace.time[-1] - trace.time[-2]
+    times = step * np.arange(1, round(press.rotation_time / step) + 1)
+    turned = Slerp([0.0, times[-1]], Rotation.from_quat([before, after], scalar_first=True))(times)
+    place = [max(press.start, trace.position[-1, 0]), *trace.position[-1, 1:], 0.0, 0.0, 0.0]
+    for time, rotation in zip(times, turned.as_quat(scalar_first=True), strict=True):
+        yield _log_row(number, trace.time[-1] + time, "rotate", place, rotation)
+
+
+def _log_row(number: int, time: float, phase: str, numbers: list[float], turned: Quaternion) -> Row:
+    """The text of a row of a log."""
+    return [number, f"{time:.9g}", phase, *(f"{one:.9g}" for one in numbers), *(f"{part:.6f}" for part in turned)]
 
 
 def _trace(contact: Contact) -> Trace:
@@ -189,15 +209,3 @@ def _trace(contact: Contact) -> Trace:
             "nothing moves in a quasistatic press, which has no time; choose --fidelity dynamic or guarded_move"
         )
     return contact.trace
-
-
-def write_press(scene: Scene, placement: Placement, contact: Contact, path: Path) -> None:
-    """Write a press as an animation; raises BadArgument if nothing moves in it."""
-    from activetouch.pressing.rig import Rig
-    from activetouch.view.picture import write_motion
-
-    trace = _trace(contact)
-    rig = Rig(scene.pad, placement.shape.geom, timestep=float(trace.time[0]), largest_scale=placement.scale)
-    rig.place(float(trace.position[0, 0]), placement)
-    middle, distance = np.array([0.01, 0.0, 0.0]), 5.5 * max(scene.pad.half_width, 0.02)
-    write_motion(path, rig.model, list(trace.position[:, :1]), middle, distance)

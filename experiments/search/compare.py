@@ -36,6 +36,7 @@ class Compare:
     For example:
 
         activetouch compare --scene coarse --deciders information_gain threshold --targets cone --episodes 1000
+        activetouch compare --scene coarse --reference --episodes 100
         activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
         activetouch compare --results mine.csv theirs.csv --control unperturbed.csv
     """
@@ -43,6 +44,8 @@ class Compare:
     deciders: Annotated[tuple[str, ...], tyro.conf.arg(help=_DECIDERS_HELP)] = DEFAULT_DECIDERS
     reference: InFile[str | None] = None
     """Decider that the others are compared with; the first by default."""
+    full_information: Annotated[bool, tyro.conf.arg(name="reference")] = False
+    """Add a row with what could be reached: every object is touched in every pose, before the most probable answer."""
     targets: tuple[str, ...] = ()
     """Shapes to search for; all by default."""
     episodes: Count = 250
@@ -79,6 +82,7 @@ class Compare:
             given: dict[str, Any] = dict(unsealed_json(file.read_text(encoding="utf-8"))["arguments"])
             setting = Setting.from_dict(given["setting"], Trust(path, everything=True))  # run() checks what it names
             named = {name: given[name] for name in ("deciders", "reference", "targets", "episodes", "seed")}
+            named |= {"full_information": given.get("full_information", False)}
             named |= {"certificate": given.get("certificate"), "setting": setting, "out": file.parent, "config": path}
             return from_fields(cls, named)
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
@@ -119,6 +123,7 @@ class Compare:
             seed=self.seed,
             out=self.folder,
             reference=self.reference,
+            full_information=self.full_information,
             jobs=self.jobs,
             certificate=self.certificate,
         )

@@ -26,7 +26,7 @@ from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Trust, check_arguments
 from experiments.parallel import ENGINE, default_jobs
 from experiments.scene_choice import SceneChoice
-from experiments.search.play import CompositionName, Searches, Setting, identity_of, prepare
+from experiments.search.play import CompositionName, FullInformation, Searches, Setting, identity_of, prepare
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.summary import ALL, Summary
 from experiments.search.verdict import results_table, terminal_table, verdict_sentences
@@ -120,6 +120,7 @@ def compare(
     sensor: str | Path | TactileSensor | None = None,
     out: str | Path | None = None,
     reference: str | None = None,
+    full_information: bool = False,
     num_objects: int | None = None,
     composition: CompositionName | None = None,
     touch_cost: float = 0.02,
@@ -145,6 +146,8 @@ def compare(
         out: folder in which finished episodes and the report are kept: after an interruption, the same call continues.
             By default they are kept in memory; :meth:`Comparison.save` writes them.
         reference: decider that the others are compared with; the first by default.
+        full_information: whether to add what could be reached: every object is touched in every pose, before the most
+            probable answer.
         num_objects: number of objects in a search; that of the scene by default.
         composition: "distinct", "independent", or "at_most_one", for many shapes: one object has the target's shape, or
             none. That of the scene by default.
@@ -186,6 +189,7 @@ def compare(
         seed=seed,
         out=None if out is None else Path(out),
         reference=reference,
+        full_information=full_information,
         jobs=jobs,
         certificate=certificate,
     )
@@ -222,6 +226,7 @@ def prepared(
     seed: int = 0,
     out: Path | None = None,
     reference: str | None = None,
+    full_information: bool = False,
     jobs: int | None = None,
     certificate: str | Path | Certificate | None = None,
 ) -> Run:
@@ -298,6 +303,8 @@ def prepared(
         for name in names:
             world = sensor.certified_world(problem, chosen, signed.decider, made[name], known)
             made[f"certified {name}"] = signed.wrap(made[name], world)
+    if full_information:
+        made["full information"] = FullInformation()
     arguments = {
         "deciders": list(players),
         "reference": reference,
@@ -305,6 +312,7 @@ def prepared(
         "episodes": episodes,
         "seed": seed,
         "setting": setting.to_dict() if named is None and own_sensor is None else None,
+        **({"full_information": True} if full_information else {}),
         **({"certificate": str(certificate)} if isinstance(certificate, str | Path) else {}),
         **({"left_out": left_out} if (left_out := setting.choice.left_out) else {}),
     }

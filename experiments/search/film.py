@@ -170,7 +170,8 @@ class Film:
         """The object and the pad."""
         red, green, blue = (int(self.theme.sky[k : k + 2], 16) for k in (1, 3, 5))
         view = {"size": (340, 320), "sky": (red, green, blue)}
-        axes.imshow(press_picture(self.scene.pad, moment.placement, moment.depth, **view))
+        around = self.scene.around(moment.placement.shape)
+        axes.imshow(press_picture(self.scene.pad, moment.placement, moment.depth, around, **view))
         axes.set_axis_off()
 
     def _image(self, axes: Axes, moment: Moment) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 import tyro
 
 from activetouch import RecordedSensor, TactileSensor
+from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
 from belief.composition import Counts
@@ -54,6 +55,7 @@ class Conversation:
 
     def __init__(self, session: Session, sensor: TactileSensor | RecordedSensor) -> None:
         self.session, self.sensor = session, sensor
+        self.felt: Any = None  # the image that the last line told
         self._requests: Mapping[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], set[str]]] = {
             "hello": (self._hello, set()),
             "ask": (self._ask, set()),
@@ -66,6 +68,7 @@ class Conversation:
     def answer(self, line: bytes | None) -> bytes:
         """The answer to a line, None for one that was too long; both end with a line break."""
         given: dict[str, Any] = {}
+        self.felt = None
         try:
             given = _parsed(line)
             with ForeignCode():  # of a decider
@@ -140,6 +143,7 @@ class Conversation:
         else:
             told["touch"] = self._touch(given, told.get("pose"))
         self.session.tell(**told)
+        self.felt = told.get("image")
         asked = self.session.steps[-1]
         kind = "miss" if "is_miss" in asked.decision.scores else "touch" if asked.touch is not None else "done"
         return {"told": kind}
@@ -204,11 +208,15 @@ def requests(stream: IO[bytes] | BufferedIOBase, most: int = MOST_BYTES) -> Iter
         yield None
 
 
-def converse(conversation: Conversation, lines: BinaryIO, answers: BinaryIO) -> None:
-    """Answer all lines of a stream, each before the next is read."""
+def converse(
+    conversation: Conversation, lines: BinaryIO, answers: BinaryIO, show: Callable[..., None] | None = None
+) -> None:
+    """Answer all lines of a stream, each before the next is read; ``show`` gets session, answer and image."""
     for line in requests(lines):
-        answers.write(conversation.answer(line))
+        answers.write(answer := conversation.answer(line))
         answers.flush()
+        if show is not None:
+            show(conversation.session, answer, conversation.felt)
 
 
 def _parsed(line: bytes | None) -> dict[str, Any]:
@@ -301,16 +309,26 @@ class Live:
     doubted_state: bool = False
     """The same, but only where touches are odd for the sensor as described. Needs both readers."""
 
+    view: Annotated[Path | None, tyro.conf.arg(metavar="FILE|window")] = None
+    """Show each touch in the viewer of Rerun: in its window, or in a file that "rerun FILE" opens."""
+
     def run(self) -> None:
         """Answer requests until the input ends; an error at the start is one line of JSON, too."""
+        show = None
         try:
+            if self.view is not None:
+                require_extra("view")
             session, sensor = self._begun()
+            if self.view is not None:
+                from experiments.search.viewer import viewer
+
+                show = viewer(sensor, self.view)
         except Exception as error:
             sys.stdout.buffer.write(as_line(refusal(error)))
             sys.stdout.buffer.flush()
             raise
         try:
-            converse(Conversation(session, sensor), sys.stdin.buffer, sys.stdout.buffer)
+            converse(Conversation(session, sensor), sys.stdin.buffer, sys.stdout.buffer, show)
         finally:
             session.close()
 

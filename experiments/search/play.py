@@ -29,13 +29,14 @@ from belief.composition import Composition
 from belief.constraints import Fraction, NotNegative, Probability
 from belief.errors import CorruptFile, InvalidArgument
 from belief.naming import NONE_OF_THESE, UNLISTED
-from belief.problem import Action, Probe, Reject, SearchProblem, Touch
+from belief.observation_model.model import ObservationModel
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
 from experiments.command_line.arguments import BadArgument, Count, Trust, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import asked_state, open_sensor, sensor_folder
-from planners import Decider, Episode, InformationState, Step, search_lockstep
+from planners import Decider, Decision, Episode, InformationState, Outcome, Step, search_lockstep
 from planners.episode import ACTION_NAMES
 from planners.fingerprint import digest_of, fingerprint, versions
 from planners.probing import HYPOTHESES, OUTCOMES
@@ -205,6 +206,32 @@ def identity_of(scene: Scene, problem: SearchProblem, seed: int) -> dict[str, An
     return {"seed": seed, "problem": repr(problem), "scene": scene_fields(scene), "versions": versions()}
 
 
+@dataclass(frozen=True)
+class FullInformation:
+    """What could be reached: touches every object once in every pose, and then gives the most probable answer.
+
+    No decider that touches no pose of an object again has a higher expected success with the same sensor.
+    """
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.Decider`."""
+        number = len(info.history)
+        return Decision(Probe(number) if number < info.problem.num_poses else Reject())
+
+    def answered(self, episode: Episode, problem: SearchProblem, model: ObservationModel) -> Episode:
+        """The search with its answer: an object that it comes back to, as no search may, or that none is the target."""
+        scene = SceneBelief(problem, model)
+        for step in episode.steps:
+            if step.touch is not None:
+                scene.update(step.object_index, [step.touch])
+        here = scene.marginals()[:, episode.target]
+        best = int(here.argmax())
+        if 1.0 - scene.prob_present(episode.target) > here[best]:
+            return episode
+        last = Step(best, scene.belief(best), Decision(Confirm()), None)
+        return replace(episode, steps=(*episode.steps[:-1], last), outcome=Outcome.CONFIRMED)
+
+
 def prepare(searches: Searches, decider: Decider, target: int) -> None:
     """Let a decider with a method ``prepare`` load what it needs, or raise what keeps it from playing."""
     if callable(ready := getattr(getattr(decider, "decider", decider), "prepare", None)):
@@ -230,6 +257,8 @@ def play_episodes(
     The same arguments give the same episodes, bit for bit, in any process: a copy of the decider plays.
     """
     sensor, problem, spent = searches.sensor, searches.problem.seeking(target), [TouchTime()]
+    if isinstance(decider, FullInformation):
+        problem = replace(problem, touch_limit=problem.num_poses * problem.num_objects)
     seeds: list[Seed] = [(searches.seed, target, number) for number in numbers]
     worlds = [TouchWorld.of_search(sensor, problem, seed) for seed in seeds]
     waited = 0.0
@@ -247,6 +276,8 @@ def play_episodes(
     prepare(searches, player, target)
     targets, started = [target] * len(worlds), time.perf_counter()
     episodes = search_lockstep(worlds, player, problem, targets, sensor.model, seeds, touch_and_time)
+    if isinstance(decider, FullInformation):
+        episodes = [decider.answered(episode, problem, sensor.model) for episode in episodes]
     thinking = time.perf_counter() - started - waited
     touches = sum(episode.num_touches for episode in episodes)
     seconds = sum(spent, TouchTime())

@@ -112,6 +112,12 @@ def test_links_have_the_sizes_that_mujoco_compiles(folder):
         assert np.ptp(mesh.vertices, axis=0) == pytest.approx(expected[name], abs=3e-5), name
 
 
+def test_packages_are_named_with_two_slashes_or_three(folder):
+    three = folder / "arm" / "urdf" / "three.urdf"
+    three.write_text(URDF.replace("package://arm", "package:///name_of_arm"))
+    assert read_link(three, folder, "base") == read_link(folder / "arm" / "urdf" / "arm.urdf", folder, "base")
+
+
 def test_links_are_named_alone_and_told_apart(folder):
     urdf = folder / "arm" / "urdf" / "arm.urdf"
     assert MeshSource.parse(f"grip={urdf}#rod@0.5") == MeshSource(urdf, 0.5, "grip", "rod")

@@ -8,7 +8,7 @@ from dataclasses import is_dataclass
 import pytest
 
 # The modules of docs/generate/pages.py, and three beside them. Other modules are shown by their tests.
-PARTS = "arrangement bayes calibration metrics observation_model observation_model.selection"
+PARTS = "arrangement bayes calibration estimators metrics observation_model observation_model.selection"
 PARTS += " policy_state statistics synthetic touch_batch"
 MODULES = ["belief", *(f"belief.{name}" for name in PARTS.split())]
 

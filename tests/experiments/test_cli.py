@@ -74,7 +74,13 @@ def test_the_help_of_a_command_fits_and_has_every_option_and_no_empty_default(na
     own = {field.name for field in fields(kind) if not is_dataclass(get_type_hints(kind)[field.name])}
     unseen = {tyro.conf.Suppress, tyro.conf.Positional}
     seen = {field for field in own if unseen.isdisjoint(getattr(hints[field], "__metadata__", ()))}
-    assert {f"--{field.replace('_', '-')}" for field in seen} <= shown
+    renamed = {  # by tyro.conf.arg(name=…)
+        field: part.name
+        for field in seen
+        for part in getattr(hints[field], "__metadata__", ())
+        if getattr(part, "name", None)
+    }
+    assert {f"--{renamed.get(field, field).replace('_', '-')}" for field in seen} <= shown
 
 
 @pytest.mark.parametrize("option", ["--hand", "--fidelity", "--presentation"])

@@ -197,7 +197,7 @@ def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, wh
     assert f"scheduler at {address} was lost. Finished results are kept" in str(lost.value)
     assert str(lost.value).endswith("the same command goes on")
     kept = contents(tmp_path / "run" / "cells")
-    assert b"".join(kept.values()).count(b"\n") == 1
+    assert 1 <= b"".join(kept.values()).count(b"\n") < 4
     with dask(tmp_path, port=address.rpartition(":")[2], workers=1), on_cluster(address):
         assert played(tmp_path / "run") == whole
     assert all((tmp_path / "run" / "cells" / name).read_bytes().startswith(lines) for name, lines in kept.items())

@@ -16,8 +16,12 @@ from belief.errors import InvalidArgument, UnknownName
 from belief.references import BadReference
 from experiments.command_line.arguments import Trust
 from experiments.command_line.console import plain_warnings
-from experiments.scene_choice import SceneChoice, renderer_named
+from experiments.scene_choice import SceneChoice, choice_name, renderer_named
+from experiments.search.compare import Compare
+from experiments.search.play import Setting
+from experiments.sensor.collect import Collect, PlanArguments
 
+MENAGERIE = Path(__file__).parents[1] / "fixtures" / "menagerie"
 TETRAHEDRON = "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
@@ -115,3 +119,33 @@ def test_the_command_prints_a_warning_of_its_own_as_one_line(mesh, capsys):
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("warning: pebble.obj: read in millimetres (30 × 30 × 30 mm)")
     assert [str(other.message) for other in others] == ["of another library"]
+
+
+def test_the_whole_world_of_the_paper_is_chosen_by_name_and_keeps_the_way_through_a_run_file():
+    choice = SceneChoice("coarse", full=True, robot="panda_allegro", menagerie=MENAGERIE)
+    assert SceneChoice.from_dict(json.loads(json.dumps(choice.to_dict())), Trust(Path("run.json"))) == choice
+    around = choice.named.scene.press_model.surroundings
+    assert len(around.parked) == 4
+    assert around.menagerie == MENAGERIE
+    assert SceneChoice("coarse", full=True).named.scene.press_model.surroundings.menagerie is None
+    assert choice_name(choice) == choice_name(SceneChoice("coarse"))  # the same touches, in the same folders
+    for wrong in (SceneChoice(robot="panda_allegro"), SceneChoice(menagerie=MENAGERIE)):
+        with pytest.raises(InvalidArgument, match="go together"):
+            _ = wrong.named
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+def test_a_comparison_and_a_collection_in_the_whole_world_have_the_same_bytes(tmp_path):
+    choices = {"lean": SceneChoice("coarse"), "full": SceneChoice("coarse", None, full=True, robot="panda_allegro")}
+    choices["full"] = replace(choices["full"], menagerie=MENAGERIE)
+    for name, choice in choices.items():
+        Compare(deciders=("fixed_poses",), episodes=1, setting=Setting(choice), out=tmp_path / name, jobs=1).play()
+        plan = PlanArguments(train=0, calibration=1, test=0)
+        Collect(choice, out=tmp_path / f"{name}-touches", plan=plan, jobs=1).run()
+    one, other = ((tmp_path / name / "episodes.jsonl").read_bytes() for name in choices)
+    assert one == other
+    shards = [sorted((tmp_path / f"{name}-touches").rglob("*.npz")) for name in choices]
+    assert [len(files) for files in shards] == [1, 1]
+    assert shards[0][0].read_bytes() == shards[1][0].read_bytes()
+    Collect(choices["full"], out=tmp_path / "lean-touches", plan=plan, jobs=1).run()  # it is complete

@@ -20,6 +20,7 @@ from belief import (
     arrangement,
     bayes,
     calibration,
+    estimators,
     metrics,
     observation_model,
     statistics,
@@ -42,6 +43,7 @@ MODULES = (
     arrangement,
     bayes,
     calibration,
+    estimators,
     metrics,
     observation_model,
     validation,
@@ -184,6 +186,13 @@ CALLS = {
     "VectorScaling": about_logits(calibration.VectorScaling),
     "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, SHAPES % 2).predict_log_proba(a, SHAPES % 2),
     "logits_from_probs": calibration.logits_from_probs,
+    # estimators
+    "CalibratedClassifier": lambda a: normalised(
+        np.log(estimators.CalibratedClassifier().fit(a, np.array(LABELS)[SHAPES]).predict_proba(a))
+    ),
+    "ObservationModelClassifier": lambda a: (
+        estimators.ObservationModelClassifier(num_folds=2).fit(a, np.array(LABELS)[SHAPES]).predict_proba(a, SHAPES)
+    ),
     # metrics
     "accuracy": lambda a: metrics.accuracy(a, SHAPES),
     "brier_score": lambda a: metrics.brier_score(a, SHAPES),

@@ -142,7 +142,7 @@ class CloseContacts(BodySet):
         share = look.scale / (1.0 + look.drift * (len(touches) - 1))
         shares = [np.log(nested((level,)).shares[0]) for level in range(2, _FINEST + 1)]
         leaves: list[list[float]] = [[] for _ in few]  # log weights of the cells that are not divided
-        cells = [self._proposed(body, touches) for body in few.tolist()]
+        cells = [self.likely(body, touches)[0] for body in few.tolist()]
         sizes = [np.ones(len(each)) for each in cells]
         found, best_cells = np.full(len(few), -np.inf), [(0, 1.0)] * len(few)
         alive = list(range(len(few)))
@@ -169,12 +169,12 @@ class CloseContacts(BodySet):
             alive = [place for place in alive if found[place] > found.max() - look.behind]
         return found, best_cells
 
-    def _proposed(self, body: int, touches: Sequence[Felt]) -> Ints:
-        """The most probable cells by the views of a body: the best one of each wide cell."""
+    def likely(self, body: int, touches: Sequence[Felt]) -> tuple[Ints, Floats]:
+        """The likeliest cells of level 2 by the views of a body, the best of each wide cell, and log likelihoods."""
         total = sum(self.view_scores(body, touch)[self.shown(2, touch.pose)] for touch in touches)
         wide = np.reshape(total, (-1, _PARTS))
         best = np.argsort(-wide.max(axis=1))[: self.look.proposed]
-        return best * _PARTS + wide[best].argmax(axis=1)
+        return best * _PARTS + wide[best].argmax(axis=1), wide[best].max(axis=1)
 
     def _scores(self, body: int, step: int, cells: Ints, sizes: Floats, touches: Sequence[Felt]) -> Floats:
         """Log likelihoods of all touches together in some cells, ``(n,)``; each touch keeps its own."""

@@ -4,9 +4,11 @@ import base64
 import io
 import json
 import re
+import stat
 import struct
 import subprocess
 import sys
+import warnings
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -74,6 +76,19 @@ def three_mf(model, **members):
         for name, content in members.items():
             archive.writestr(name, content)
     return packed.getvalue()
+
+
+def zipped(*members):
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about names that are there already
+        for name, content in members:
+            archive.writestr(name, content)
+    return packed.getvalue()
+
+
+LINK = zipfile.ZipInfo("3D/3dmodel.model")
+LINK.external_attr = (stat.S_IFLNK | 0o777) << 16
 
 
 def model(objects=None, items='<item objectid="1"/>', unit="millimeter", faces=FACES):
@@ -181,6 +196,26 @@ HOSTILE = {  # what is written into a file of this name, and what is said of it
     "header.gltf": (lambda: '{"a": [' + "0," * 10_000_000 + "0]}", "header has more than"),
     "draco.glb": (lambda: glb(extensionsRequired=["KHR_draco_mesh_compression"]), "without compression"),
     "quantized.glb": (lambda: glb(accessors=accessors({"componentType": 5122})), "quantized"),
+    "old.gltf": (lambda: in_text(*gltf(asset={"version": "1.0"})), "it is glTF 1.0, of which 2.0 is read"),
+    "chain.glb": (
+        lambda: glb(nodes=[*({"children": [i + 1]} for i in range(100_000)), {"mesh": 0}]),
+        "more than 100 deep",
+    ),
+    "nested.dae": (
+        lambda: dae(nodes="<node>" * 100_000 + '<instance_geometry url="#g"/>' + "</node>" * 100_000),
+        "more than 100 deep",
+    ),
+    "data.gltf": (lambda: in_text(*gltf(), DATA + "A" * 70_000_000), "export it as GLB"),
+    "most.gltf": (lambda: in_text(*gltf(), DATA + "A" * 67_000_000), "no triangles"),
+    "buffers.gltf": (lambda: json.dumps(gltf()[0] | {"buffers": [{"byteLength": 1}] * 200_000}), "damaged"),
+    "in_each_other.3mf": (lambda: zipped(("inner.3mf", three_mf(model()))), "no file 3D/3dmodel.model"),
+    "in_place.3mf": (lambda: three_mf(three_mf(model())), "encoding is not read"),
+    "link.3mf": (lambda: zipped((LINK, "/etc/passwd")), "no XML"),
+    "twice.3mf": (lambda: zipped(*[("3D/3dmodel.model", model())] * 2), "two files of one name"),
+    "case.3mf": (lambda: zipped(*[(name, model()) for name in ("3D/3dmodel.model", "3d/3DModel.MODEL")]), "one name"),
+    "bound.dae": (lambda: dae() + "<bind_material " * 15_000_000, r"15\d{6} tags"),
+    "skeleton.dae": (lambda: dae(nodes=IN_ANOTHER + '<node><instance_controller url="#c"/></node>'), "on a skeleton"),
+    **{f"nothing.{ending}": (lambda: b"", "it is empty") for ending in ("glb", "gltf", "dae", "3mf", "off", "ply")},
     "vcount.dae": (
         lambda: dae().replace("<p>", f"<vcount>{ENDLESS}</vcount><p>").replace("triangles", "polylist"),
         f"promises {ENDLESS} corners",
@@ -269,6 +304,19 @@ def test_parts_are_read_where_they_are_placed(tmp_path):
 SHINY = """<library_effects><effect id="e"><profile_COMMON><technique sid="c"><phong><shininess><color>0 0 0 1</color>
 </shininess></phong></technique></profile_COMMON></effect></library_effects>
 <library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>"""
+
+
+@needs_extra
+def test_geometry_is_read_whose_colour_is_missing(tmp_path):
+    bound = (
+        '<node><instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="red" '
+        'target="#red"/></technique_common></bind_material></instance_geometry></node>'
+    )
+    moved = '<node><translate>5 0 0</translate><instance_geometry url="#g"><bind_material/></instance_geometry></node>'
+    (tmp_path / "two.dae").write_text(dae(nodes=bound + moved))
+    with pytest.warns(match="2 separate surfaces"):
+        mesh = Mesh.from_file(tmp_path / "two.dae")
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([0.07, 0.03, 0.008], abs=1e-6)
 
 
 @needs_extra

@@ -123,8 +123,8 @@ def test_an_absurd_size_is_refused_with_the_scale_that_may_mend_it(factor, advic
 @pytest.mark.parametrize(
     ("name", "content", "problem"),
     [
-        ("empty.stl", b"", "no triangles"),
-        ("empty.obj", b"", "no triangles"),
+        ("empty.stl", b"", "it is empty"),
+        ("empty.obj", b"# nothing\n", "no triangles"),
         ("noise.stl", bytes(range(256)) * 4, "(cannot be read as STL|no triangles)"),
         ("noise.ply", b"ply\nformat nonsense\n", "cannot be read as PLY"),
         ("words.obj", b"v one two three\nf 1 2 3\n", "cannot be read as OBJ"),

@@ -45,6 +45,15 @@ def stl(header, num_promised=12):
     return header.ljust(80) + struct.pack("<I", num_promised) + b"".join(rows)
 
 
+def strips():
+    """A PLY file of the box as Stanford's are: two strips of a triangle, and one of two for each other side."""
+    head = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    each = [*FACES[:2].tolist(), *((a, b, d, c) for a, b, c, d in QUADS[1:])]
+    corners = [number for strip in each for number in (*strip, -1)]
+    return head + "\n".join(" ".join(map(str, row)) for row in [*BOX.tolist(), [len(corners), *corners]]) + "\n"
+
+
 STL_TEXT = trimesh.exchange.stl.export_stl_ascii(TRIANGLES)
 FULL = [*FACES[:2].tolist(), *QUADS[1:]]
 BOXES = {
@@ -55,7 +64,9 @@ BOXES = {
     "colours.obj": obj(np.hstack([BOX, CORNERS]), FACES),
     "relative.obj": obj(BOX, FACES, -8) + "o curve\n" + obj(BOX * [1, 0.4, 3], []) + "l -8 -7 -6 -5\n",
     "soup.obj": "".join(obj(BOX[face], []) + "f -3 -2 -1\n" for face in FACES),
+    "wide.obj": obj(BOX, QUADS).encode("utf-16"),
     "text.ply": ply("ascii", FULL),
+    "strips.ply": strips(),
     "little.ply": ply("binary_little_endian", FULL),
     "big.ply": ply("binary_big_endian", FULL, ">"),
     "solid.stl": stl(b"solid box"),

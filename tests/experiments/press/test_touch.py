@@ -2,20 +2,23 @@
 
 import csv
 from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from activetouch.pressing.contact import Phase
 from activetouch.view import picture
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.press.touch import LOG_COLUMNS, TouchCommand, press_new_object
 from experiments.scene_choice import SceneChoice
 
 pytestmark = pytest.mark.mujoco
+MENAGERIE = Path(__file__).parents[2] / "fixtures" / "menagerie"
 
 
 @pytest.mark.parametrize(
@@ -76,12 +79,22 @@ def test_a_log_has_every_time_step_of_the_cycles_of_an_object(scene, fidelity, t
         own = columns["press"] == press
         first = [int(np.flatnonzero(own & (phases == phase))[0]) for phase in ("approach", "pause", "withdraw")]
         assert first == sorted(first)
-        assert set(phases[own]) <= set(Phase)
+        assert set(phases[own]) <= {*Phase, "rotate"}
         np.testing.assert_allclose(np.diff(columns["time"][own]), 0.002, rtol=1e-6)
         assert columns["fx"][own & (phases == "pause")][-1] > 0.2
         assert columns["fx"][own][0] == 0.0
     model = choice.named.scene.press_model.with_trace()
     placement, contact = press_new_object(replace(choice.named.scene, press_model=model), "cone", "front", 0)
+    turned = np.stack([columns[name] for name in ("qw", "qx", "qy", "qz")], axis=1)
+    for press in range(2):  # between presses, the object turns to the orientation of the next in the paper's cycle
+        rotation = turned[(columns["press"] == press) & (phases == "rotate")]
+        assert len(rotation) == (100 if scene == "paper" else 0)
+        if len(rotation):
+            np.testing.assert_allclose(abs(rotation[-1] @ turned[columns["press"] == press + 1][0]), 1.0, atol=1e-5)
+            steps = np.abs((rotation[1:] * rotation[:-1]).sum(axis=1))
+            assert steps.min() > np.cos(np.pi / 2 / 99)  # at most half a turn
+    assert "rotate" not in phases[columns["press"] == 2]
+    columns = {name: column[phases != "rotate"] for name, column in columns.items()}
     first = columns["press"] == 0
     np.testing.assert_allclose(columns["x"][first], contact.trace.position[:, 0], rtol=1e-6)
     np.testing.assert_allclose(
@@ -100,7 +113,22 @@ def test_a_grasp_and_its_motion_are_drawn(tmp_path, monkeypatch):
         assert 20 < motion.n_frames <= 60
     with pytest.raises(BadArgument, match="--hand draws a grasp"):
         TouchCommand(choice, all=True).run()
-    with pytest.raises(BadArgument, match="add --hand allegro"):
-        TouchCommand(choice, menagerie=tmp_path).run()
+    with pytest.raises(InvalidArgument, match="--robot panda_allegro and --menagerie"):
+        TouchCommand(SceneChoice("coarse", hand="parallel", menagerie=tmp_path)).run()
     with pytest.raises(FileNotFoundError, match="copy of MuJoCo Menagerie"):
-        TouchCommand(SceneChoice("coarse", hand="allegro"), menagerie=tmp_path).run()
+        TouchCommand(SceneChoice("coarse", hand="allegro", menagerie=tmp_path)).run()
+
+
+def test_the_whole_world_of_the_paper_is_drawn_and_its_arm_brings_the_hand(tmp_path, monkeypatch):
+    monkeypatch.setattr(picture, "_FRAME", (32, 24))
+    full = SceneChoice("paper", full=True, robot="panda_allegro", menagerie=MENAGERIE)
+    TouchCommand(full, view=tmp_path / "full.gif").run()
+    with Image.open(tmp_path / "full.gif") as motion:
+        frames = [np.asarray(frame.convert("RGB"), float) for frame in ImageSequence.Iterator(motion)]
+    moved = np.array([np.abs(one - other).max() for one, other in pairwise(frames)])
+    assert np.count_nonzero(moved > 50.0) > 5  # before the press, the arm moves
+    TouchCommand(full, out=tmp_path / "full.png").run()
+    with Image.open(tmp_path / "full.png") as still:
+        assert still.convert("RGB").getcolors(maxcolors=10**7)
+    with pytest.raises(InvalidArgument, match="--fidelity dynamic or guarded_move, and no --hand"):
+        TouchCommand(replace(full, fidelity="quasistatic")).run()
