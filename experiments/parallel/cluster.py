@@ -31,6 +31,11 @@ from experiments.parallel import ENGINE, Shared, block_interrupt, called, say_no
 from planners.fingerprint import code_versions
 
 _SECONDS = 10.0  # to reach a scheduler
+_CALM = {
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+    "distributed.worker.profile.enabled": False,
+}  # what a process of Dask does beside its tasks: 1 % of a core in place of 5 %
 _ONE_AT_A_TIME = threading.Lock()  # the physics of a process is shared by its threads
 
 
@@ -61,6 +66,7 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
     if not re.fullmatch(r"local:[1-9]\d{0,3}|[a-z]+://\S+:\d+", address):
         raise BadArgument(f"--cluster must be tcp://HOST:PORT of a Dask scheduler, or local:8, got {address!r}")
     require_extra("cluster")
+    import dask
     from distributed import Client, LocalCluster
 
     for name in ("distributed", "distributed.client"):  # what matters becomes an error of ours
@@ -68,7 +74,7 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
     with ExitStack() as stack:
         place: Any = address
         try:
-            with warnings.catch_warnings(), block_interrupt():
+            with warnings.catch_warnings(), block_interrupt(), dask.config.set(_CALM):
                 warnings.simplefilter("ignore")  # of other versions, which are compared below
                 if address.startswith("local:"):
                     each: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL + 1}
