@@ -210,6 +210,29 @@ class ShapeInformationGain(TargetInformationGain):
         return np.vstack([is_likely, ~is_likely.any(axis=0)]) * probs
 
 
+@dataclass(frozen=True, eq=False)
+class PoseInformationGain(TargetInformationGain):
+    """The pose with the largest expected information gain about how the object lies, and about its shape.
+
+    It is for those who grasp what they find: once the shape is known, other criteria have nothing more to ask. Without
+    hypotheses about a body, as in a table of single touches, it is :class:`ShapeInformationGain`. Attributes as of
+    :class:`TargetInformationGain`; ``given`` is "body".
+    """
+
+    given: Literal["body"] = field(default="body", init=False)
+
+    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.ProbeSelector`."""
+        require_fit(self.table, info.problem)
+        evidence = info.evidence
+        mixture = None if evidence is None else evidence.outcome_mixture(self.outcomes, self.hypotheses)
+        if mixture is None:
+            gains = information(np.diag(info.belief.probs) @ self.table.probs)
+            return _best(info, gains, self.repeats.weights(info.uses))
+        gains = information(mixture.of_hypotheses(info.belief.probs))
+        return _best(info, gains, np.ones(len(gains)) if mixture.new is None else mixture.new)
+
+
 def _best(
     info: InformationState, gains: Floats, weights: Floats, tie_breaker: np.random.Generator | None = None
 ) -> Decision:

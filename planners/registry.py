@@ -26,6 +26,7 @@ from planners.decider import Decider, Decision, InformationState, ProbeSelector,
 from planners.probing import (
     FixedOrder,
     GivenOrder,
+    PoseInformationGain,
     RandomOrder,
     ShapeInformationGain,
     TargetInformationGain,
@@ -148,6 +149,9 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         "best_order": _best_order,
         "shape_information_gain": _sequential(
             "Posterior thresholds, with the pose that tells most about the shape.", ShapeInformationGain
+        ),
+        "pose_information_gain": _sequential(
+            "Posterior thresholds, with the pose that tells most about how the object lies.", PoseInformationGain
         ),
         "value_of_information": _value_of_information,
         "ppo": _ppo("PPO policies on the state of the paper, one per target.", "paper"),

@@ -204,6 +204,7 @@ def identify(
     threshold: float | None = 0.9,
     max_touches: int = 12,
     unlisted: float = 0.0,
+    until: Callable[[int, Sequence[Touch]], bool] | None = None,
 ) -> Identification:
     """Touch the first object of a world until a label has the probability ``threshold``, or ``max_touches`` are made.
 
@@ -217,6 +218,8 @@ def identify(
         threshold: probability at which to stop, in (0, 1]; None stops at ``max_touches`` alone.
         max_touches: ≥ 1.
         unlisted: prior probability that the object has none of the labels, which is one more answer, in [0, 1).
+        until: what else must hold of a label with that probability and its touches before they end, such as that it is
+            known how the object lies; it is asked after each touch.
 
     Raises:
         InvalidArgument: the threshold is out of its range, or the model cannot weigh unlisted shapes.
@@ -235,7 +238,7 @@ def identify(
     problem = SearchProblem(
         labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0, unlisted=unlisted
     )
-    rule = _Certain(threshold, max_touches)
+    rule = _Certain(threshold, max_touches, until)
     player: Decider
     if isinstance(decider, ProbeSelector):
         player = SequentialDecider(rule, decider)
@@ -265,15 +268,18 @@ def _answer(belief: Belief) -> tuple[int, float]:
 
 @dataclass(frozen=True)
 class _Certain:
-    """Stops where a label is probable enough, or after a maximum number of touches."""
+    """Stops where a label is probable enough and all else holds, or after a maximum number of touches."""
 
     threshold: float | None
     max_touches: int
+    until: Callable[[int, Sequence[Touch]], bool] | None = None
 
     def stop(self, info: InformationState) -> Decision | None:
-        _, stated = _answer(info.belief)
-        is_certain = self.threshold is not None and stated >= self.threshold
-        return Decision(Unsure()) if is_certain or len(info.history) >= self.max_touches else None
+        named, stated = _answer(info.belief)
+        is_done = len(info.history) >= self.max_touches
+        if not is_done and self.threshold is not None and stated >= self.threshold:
+            is_done = named == UNLISTED or self.until is None or self.until(named, info.history)
+        return Decision(Unsure()) if is_done else None
 
 
 @dataclass(frozen=True)

@@ -316,6 +316,11 @@ class NestedMixture:
         shares, probs = self._drawn(factors)
         return np.asarray(shares @ probs)
 
+    def of_hypotheses(self, belief: Floats) -> Floats32:
+        """See :class:`~belief.observation_model.outcome_mixture.Outcomes`."""
+        shares, probs = self._drawn(belief[None])
+        return np.asarray(shares[0, :, None] * probs)
+
     def payoffs_after(self, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
         """See :class:`~belief.observation_model.outcome_mixture.Outcomes`."""
         factors = np.vstack([payoffs * belief, belief])

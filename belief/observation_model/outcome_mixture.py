@@ -109,6 +109,12 @@ class Outcomes(Protocol):
     def one_touch(self, factors: Floats) -> NDArray[Any]:
         """See :meth:`OutcomeMixture.one_touch`."""
 
+    def of_hypotheses(self, belief: Floats) -> NDArray[Any]:
+        """p(hypothesis about the body, outcome of a first touch | pose), ``(P, n, M)``, of n that weigh most.
+
+        The belief about the shape is ``(K,)``. A hypothesis says how the body lies, too.
+        """
+
     def payoffs_after(self, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
         """Sums over shapes of payoffs ``(J, K)`` times p(shape, outcome of the next touch | pose), ``(J, P, M)``.
 
@@ -173,6 +179,16 @@ class OutcomeMixture(FrozenArrays):
         With the belief on the diagonal as factors, it is the joint probability of shape and outcome.
         """
         return np.asarray(factors @ self._means)
+
+    def of_hypotheses(self, belief: Floats) -> NDArray[Any]:
+        """See :class:`Outcomes`.
+
+        >>> mixture = OutcomeMixture(np.array([[0.5, 0.5]]), np.eye(2)[None, None])
+        >>> mixture.of_hypotheses(np.ones(1)).tolist()
+        [[[0.5, 0.0], [0.0, 0.5]]]
+        """
+        shares = (belief[:, None] * self.weights)[None, :, :, None]
+        return np.asarray((shares * self.probs).reshape(len(self.probs), -1, self.probs.shape[3]))
 
     def payoffs_after(self, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
         """See :class:`Outcomes`."""
@@ -319,6 +335,10 @@ class SharedMixture(FrozenArrays):
             shape=(num_poses * num_rows, num_groups * num_shapes * number),
         )
         return np.asarray((means @ self.outcomes.reshape(-1, num_outcomes)).reshape(num_poses, num_rows, -1))
+
+    def of_hypotheses(self, belief: Floats) -> NDArray[Any]:
+        """See :class:`Outcomes`."""
+        return self._whole.of_hypotheses(belief)
 
     def payoffs_after(self, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
         """See :class:`Outcomes`."""

@@ -57,6 +57,11 @@ DECIDERS = {
         _GAINS,
         "Searches with few touches for one target: part of what it learns does not matter for the answer. Where many touches are needed, as in `keyed`, the two need equally many.",
     ),
+    "pose_information_gain": Description(
+        f"As `shape_information_gain`, but for orientation and size as well: it goes on asking when the shape is known. {_THRESHOLDS}",
+        _GAINS,
+        "Searches: what it learns of how an object lies does not matter for the answer. Without a belief about a body it is `shape_information_gain`.",
+    ),
     "value_of_information": Description(
         "It has no thresholds: it stops when no plan of two more touches is worth its cost (`depth=1`: of one). Rejecting is worth the value of the rest of the search.",
         f"{_TARGET} Further scores are expected returns of the actions.",

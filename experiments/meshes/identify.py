@@ -6,14 +6,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
+from activetouch.pose_belief import PoseBelief
+from activetouch.poses import WorldObject
 from activetouch.scene import Scene
-from belief.constraints import CountOrNone, NotNegative
+from belief.constraints import CountOrNone, NotNegative, Within, require_rule
 from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.observation_model.nested_bodies import NestedEvidence
@@ -24,6 +26,7 @@ from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
 from experiments.meshes.setting import model_of, plan_of, scene_of, sensor_of
 from experiments.parallel import Shared, run_tasks
+from experiments.report import Picture, Report, Section
 from planners import Decider
 from planners.decider import ProbeSelector, SequentialDecider
 from planners.registry import make_decider
@@ -31,15 +34,26 @@ from planners.search import Identification
 from planners.search import identify as name_first
 from planners.stopping import PosteriorThresholds
 
-_BY_EVIDENCE = ("information_gain", "shape_information_gain", "value_of_information", "fixed_poses", "random_poses")
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_GAINS = "information_gain", "shape_information_gain", "pose_information_gain"
+_BY_EVIDENCE = *_GAINS, "value_of_information", "fixed_poses", "random_poses"
 _PICTURED = 6  # objects
+_ANGLES = Within(0.1, 180.0)  # [deg]
+_ANGLES_OF = "off", "within"  # columns of Lying
 
 
 class Lying(NamedTuple):
-    """How far an object lies from its most probable orientation, and within what it does with probability 0.9 [deg]."""
+    """How far an object lies from its most probable orientation, and within what it does with probability 0.9 [deg].
+
+    ``after`` are the beliefs after each touch, or after the last one, and ``body`` is the true one.
+    """
 
     off: float
     within: float
+    after: tuple[PoseBelief, ...]
+    body: WorldObject
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +85,7 @@ class Identified(MeshResult):
 
     def _lies(self, number: int) -> dict[str, float | None]:
         one = self.lying[number]
-        return dict.fromkeys(Lying._fields) if one is None else one._asdict()
+        return {name: None if one is None else getattr(one, name) for name in _ANGLES_OF}
 
     def _name(self, index: int) -> str:
         return shape_name(self.sensor.shape_labels, index)
@@ -80,16 +94,17 @@ class Identified(MeshResult):
         """The rows, and how many are right; where answers are certain, how many of these."""
         found, rows = super().table(), self.rows()
         if known := [one for one in self.lying if one is not None]:
-            off, within = (np.array([getattr(one, name) for one in known]) for name in Lying._fields)
+            off, within = (np.array([getattr(one, name) for one in known]) for name in _ANGLES_OF)
+            held = np.mean([one.after[-1].credible().contains(one.body.orientation) for one in known])
             middle, most = np.percentile(off, [50, 90])
-            own = [tuple(row[name] for name in Lying._fields) for row in rows]
+            own = [tuple(row[name] for name in _ANGLES_OF) for row in rows]
             found = replace(
                 found,
                 columns=(*found.columns, ("off [°]", ".1f"), ("within [°]", ".1f")),
                 rows=[(*row, *more) for row, more in zip(found.rows, own, strict=True)],
                 note=f"{found.note} The most probable orientation is {middle:.1f}° off in the median and {most:.1f}° "
                 f"in the worst tenth, less what symmetry hides; sets of probability 0.9, {np.median(within):.1f}° wide "
-                f"in the median, hold {(off <= within).mean():.2f} of {len(known)}.",
+                f"in the median, hold {held:.2f} of {len(known)}.",
             )
         none = [row for row in rows if row["named"] == NONE_OF_THESE and row["certain"]]
         named = [row for row in rows if row["named"] != NONE_OF_THESE and row["certain"]]
@@ -112,6 +127,15 @@ class Identified(MeshResult):
     def _question(self) -> str:
         return "Which body is it?"
 
+    def report(self) -> Report:
+        """The table, the bodies that were still possible, and how objects lie."""
+        found = super().report()
+        lying = list(enumerate(self.lying[:_PICTURED], 1))
+        pictures = [_lying_picture(self.sensor, number, lies) for number, lies in lying if lies is not None]
+        said = "Pictures are averaged over what is still probable; the line is the outline of the true body."
+        own = [Section("How they lie", [said], [], pictures)] if pictures else []
+        return replace(found, sections=[*found.sections, *own])
+
     def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
         for number, one in enumerate(self.namings[:_PICTURED], 1):
             right = "rightly" if one.is_right else f"wrongly: it is {self._name(one.truth)}"
@@ -124,6 +148,25 @@ class Identified(MeshResult):
             yield f"Object {number}", f"After {len(one.poses)} touches {end}.", sides, after
 
 
+def _lying_picture(sensor: TactileSensor, number: int, lies: Lying) -> Picture:
+    """How an object is believed to lie after each touch, and the outline of the true body."""
+    from experiments.search.replay_figures import Bodies, coloured
+
+    bodies = Bodies.of(sensor)
+    assert bodies is not None, "the belief is about one body"
+    outline = bodies.outline(lies.after[0].shape, lies.body)
+
+    def draw(axes: Axes, touch: int, belief: PoseBelief) -> None:
+        axes.imshow(coloured(bodies.lying(belief), 1.0), origin="lower")
+        axes.contour(outline, levels=[0.5], colors="tab:red", linewidths=1.0)
+        off, within = belief.error(lies.body.orientation), belief.credible().radius
+        axes.set_title(f"touch {touch}\n{off:.0f}° off, within {within:.0f}°", fontsize=7)
+        axes.set_axis_off()
+
+    parts = [partial(draw, touch=touch, belief=belief) for touch, belief in enumerate(lies.after, 1)]
+    return Picture(f"lies{number}", f"Object {number}: {lies.after[-1]}.", parts, size=(1.5, 1.7))
+
+
 def identify(
     bodies: Bodies,
     *,
@@ -131,10 +174,11 @@ def identify(
     num_objects: int = 20,
     threshold: float = 0.95,
     max_touches: int = 16,
-    decider: str | Decider = "shape_information_gain",
+    decider: str | Decider | None = None,
     unlisted: float = UNLISTED_SHARE,
     press: Bodies | None = None,
     lies: bool = False,
+    within: float | None = None,
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
@@ -148,12 +192,15 @@ def identify(
         num_objects: number of objects.
         threshold: probability at which to stop touching an object.
         max_touches: of an object.
-        decider: its name, as of :func:`activetouch.compare`, or a decider. One that stops by the probability of the
+        decider: its name, as of :func:`activetouch.compare`, or a decider; by default shape_information_gain, or
+            pose_information_gain with ``within``. One that stops by the probability of the
             target chooses the poses alone; any other one is asked about the most probable body, and stops, too.
         unlisted: prior probability that an object is none of the bodies, which is one more answer.
         press: bodies of which the objects are, instead, such as scans: as ``bodies``. One without a body of its label
             is none of these.
         lies: whether to say how each object that is rightly named lies, too, which takes a second or two.
+        within: angle [deg] within which it must be known how a named object lies, with probability 0.9, before its
+            touches end; it says how each lies, too.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
@@ -163,6 +210,10 @@ def identify(
         UnknownName: there is no such body.
         InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
     """
+    if within is not None:
+        require_rule("within", within, _ANGLES)
+        lies = True
+    decider = decider or ("shape_information_gain" if within is None else "pose_information_gain")
     solids, left_out = solids_of(bodies, scale)
     objects = solids if press is None else solids_of(press, scale)[0]
     chosen = None if body is None else body_index(objects, body)
@@ -173,7 +224,7 @@ def identify(
     truths = truths if chosen is None else [chosen] * num_objects
     shared = Shared((world, _player(decider, sensor)))
     tasks = [
-        partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, lies)
+        partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, lies, within)
         for number, truth in enumerate(truths)
     ]
     done = list(run_tasks(tasks, jobs, "objects"))
@@ -217,16 +268,27 @@ def _name_one(
     threshold: float,
     unlisted: float,
     lies: bool,
+    within: float | None,
 ) -> tuple[Identification, Lying | None]:
     pressed, player = shared.value
     sensor, world = pressed.sensor, TouchWorld.sample(pressed, [truth], np.random.default_rng([*seed, 0]))
-    found = name_first(world, player, sensor.model, sensor.pose_labels, seed, threshold, max_touches, unlisted)
+
+    def lies_as(named: Name, touches: Sequence[Touch]) -> PoseBelief:
+        images = np.stack([touch.image for touch in touches if touch.image is not None])
+        return sensor.pose(named, images, [touch.pose for touch in touches])
+
+    def is_narrow(named: int, touches: Sequence[Touch]) -> bool:
+        return lies_as(named, touches).credible().radius <= (within or 0.0)
+
+    until = None if within is None else is_narrow
+    found = name_first(world, player, sensor.model, sensor.pose_labels, seed, threshold, max_touches, unlisted, until)
     truth_label = pressed.scene.shape_labels[truth]
     if not (lies and found.named >= 0 and sensor.shape_labels[found.named] == truth_label):
         return found, None
-    images = np.stack([touch.image for touch in found.touches if touch.image is not None])
-    belief = sensor.pose(truth_label, images, found.poses)
-    return found, Lying(belief.error(world.current.orientation), belief.credible().radius)
+    first = 1 if seed[-1] < _PICTURED else len(found.touches)
+    after = tuple(lies_as(truth_label, found.touches[:number]) for number in range(first, len(found.touches) + 1))
+    true, last = world.current, after[-1]
+    return found, Lying(last.error(true.orientation), last.credible().radius, after, true)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,6 +304,7 @@ class Identify(MeshOptions):
         activetouch identify scans --scale 0.001 --decider value_of_information
         activetouch identify drawings --press scans --unlisted 0.3
         activetouch identify scans --lies
+        activetouch identify scans --within 5
     """
 
     body: str | None = None
@@ -255,12 +318,15 @@ class Identify(MeshOptions):
     """Touches of an object."""
     lies: bool = False
     """Say how each object that is rightly named lies, too."""
+    within: Annotated[float, _ANGLES] | None = None
+    """Angle [deg] within which it must be known how an object lies before its touches end; says how each lies."""
     check: CountOrNone = 8
     """Presses of a probable body, in simulation, in each touched pose, before it is named; 0 for no check."""
     tolerance: NotNegative | None = None
     """By how much the surface of an object may differ from its file [m]; a hundredth of the radius by default."""
-    decider: str = "shape_information_gain"
-    """Decider, as of compare; one that stops by the target's probability chooses the sides alone."""
+    decider: str | None = None
+    """Decider, as of compare; one that stops by the target's probability chooses the sides alone. By default
+    shape_information_gain, or pose_information_gain with --within."""
     out: Path = Path("runs/identify")
     """Folder for the report."""
 
@@ -281,6 +347,7 @@ class Identify(MeshOptions):
             check=self.check,
             tolerance=self.tolerance,
             lies=self.lies,
+            within=self.within,
             decider=self.decider,
             **self.common,
         )

@@ -17,6 +17,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from activetouch import TactileSensor
+from activetouch.pose_belief import PoseBelief
 from activetouch.poses import WorldObject
 from activetouch.rotation_cells import centres
 from activetouch.solids.solid import Shape
@@ -64,13 +65,20 @@ class Bodies:
         labels = list(self.shapes)
         found = []
         for shape in np.argsort(-probs, kind="stable")[:number].tolist():
-            rests, sizes, log_weights = self._hypotheses(evidence, shape)
-            rows, counts = _draws(log_weights, self.draws)
-            solid = self.shapes[labels[shape]]
-            each = portraits(solid, rests[rows], self._radius, self.pixels, sizes[rows])
-            picture = np.stack([np.nan_to_num(each), np.isfinite(each)], axis=3)
-            found.append((labels[shape], float(probs[shape]), np.average(picture, axis=0, weights=counts)))
+            picture = self._mean(labels[shape], *self._hypotheses(evidence, shape))
+            found.append((labels[shape], float(probs[shape]), picture))
         return found
+
+    def lying(self, belief: PoseBelief) -> Floats:
+        """Mean picture of a body that lies as is believed, ``(H, W, 2)``: shade times coverage, and coverage."""
+        with np.errstate(divide="ignore"):
+            return self._mean(belief.shape, belief.orientations, belief.sizes, np.log(belief.probs))
+
+    def _mean(self, label: str, rests: Floats, sizes: Floats, log_weights: Floats) -> Floats:
+        rows, counts = _draws(log_weights, self.draws)
+        each = portraits(self.shapes[label], rests[rows], self._radius, self.pixels, sizes[rows])
+        picture = np.stack([np.nan_to_num(each), np.isfinite(each)], axis=3)
+        return np.average(picture, axis=0, weights=counts)
 
     def _hypotheses(self, evidence: BodyEvidence, shape: int) -> tuple[Floats, Floats, Floats]:
         """Orientations, sizes and log weights of the hypotheses of a shape."""

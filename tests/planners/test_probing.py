@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from belief import Belief, Probe, SearchProblem, Touch
+from belief import Belief, Probe, SceneBelief, SearchProblem, Touch
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
-from belief.observation_model import OutcomeTable
+from belief.observation_model import FixedHypotheses, OutcomeTable, RigidBodyModel
 from planners import InformationState
 from planners.probing import (
     ORDER_FILE,
     FixedOrder,
     GivenOrder,
     NoOrder,
+    PoseInformationGain,
     RandomOrder,
     RepeatDiscount,
     ShapeInformationGain,
@@ -82,6 +83,29 @@ def test_shape_information_gain_cares_for_any_distinction(rng):
     assert ShapeInformationGain(table).choose(state, rng).action == Probe(0)
 
 
+def test_pose_information_gain_asks_how_a_body_lies_once_its_shape_is_known(rng):
+    # Of shape a, the first pose shows which of two shapes it is, the second how the body lies, the third nothing.
+    marks = np.array([[[0, 0], [1, 1]], [[0, 1], [0, 1]], [[0, 0], [0, 0]]])  # (P, K, N)
+    hypotheses, flat = 60.0 * np.eye(2, dtype=np.float32)[marks], np.zeros((3, 2, 2))
+    outcomes = np.tile(np.eye(2), (3, 1, 1))
+    model = RigidBodyModel(("a", "b"), 2, 1.0, outcomes, flat, hypotheses=FixedHypotheses(hypotheses))
+    problem = SearchProblem(("a", "b"), ("which", "lies", "nothing"), 2, "independent")
+    scene, found = SceneBelief(problem, model), []
+    selector = PoseInformationGain(model.outcome_table())
+    for _ in range(2):
+        state = InformationState.of(problem, 0, scene, 0)
+        found.append(selector.choose(state, rng).action.pose)
+        scene.update(0, [Touch(found[-1], np.zeros(2), np.eye(2)[0])])
+    assert found == [0, 1]
+    gains = InformationState.of(problem, 0, scene, 0).evidence.outcome_mixture(2, 2).of_hypotheses(np.array([1.0, 0.0]))
+    assert gains.sum(axis=(1, 2)) == pytest.approx(1.0)
+    table = OutcomeTable([[[0.5, 0.5], [1, 0], [0, 1]], [[0.6, 0.4], [0.5, 0.5], [0.5, 0.5]]])
+    without = InformationState(
+        SearchProblem(("a", "b", "c"), ("p", "q"), num_objects=3), 0, Belief.uniform(tuple("abc"))
+    )
+    assert PoseInformationGain(table).choose(without, rng).action == Probe(0)
+
+
 def test_a_good_pose_is_repeated_while_repeats_are_worth_more_than_a_poor_one(rng):
     # Repeats that are as good as fresh: always the best pose. Worthless ones: each pose once, as without a model.
     for correlation, expected in ((0.0, [2, 2, 2]), (0.999, [2, 1, 2])):
@@ -119,7 +143,7 @@ def test_given_the_shape_only_poses_that_are_alike_come_at_random_and_others_do_
 
 @pytest.mark.parametrize("setting", [{"hypotheses": 0}, {"outcomes": -1}, {"given": "size"}])
 def test_settings_out_of_range_are_refused(setting):
-    for selector in (TargetInformationGain, ShapeInformationGain):
+    for selector in (TargetInformationGain, ShapeInformationGain, PoseInformationGain):
         if setting.keys() <= {field.name for field in fields(selector) if field.init}:
             with pytest.raises(InvalidArgument, match=next(iter(setting))):
                 selector(TABLE, **setting)

@@ -301,6 +301,23 @@ def test_a_fit_that_is_damaged_or_of_another_set_is_made_again(tmp_path, monkeyp
         assert len(fit(7, 9, **others)[1]) == 1, others
 
 
+@pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
+def test_touches_go_on_until_it_is_known_how_an_object_lies(folder, tmp_path):
+    small = {"plan": PLAN, "levels": (0, 1), "pressed": 4, "unlisted": 0.0, "check": 0, "jobs": 1, "body": "plate"}
+    named, known = (identify(folder, num_objects=1, max_touches=5, **small, **own) for own in ({}, {"within": 12.0}))
+    [lies] = known.lying
+    assert not named.lying
+    assert len(known.namings[0].poses) > len(named.namings[0].poses)
+    assert lies.within <= 12.0 or len(known.namings[0].poses) == 5
+    assert len(lies.after) == len(known.namings[0].poses)
+    assert lies.within == lies.after[-1].credible().radius < lies.after[0].credible().radius
+    page = known.save(tmp_path)
+    assert "How they lie" in page.read_text()
+    assert (tmp_path / "lies1.png").stat().st_size > 1000
+    with pytest.raises(InvalidArgument, match="within"):
+        identify(folder, within=0.0, **small)
+
+
 def test_find_plays_every_decider_of_compare_and_its_run_can_be_continued(folder, tmp_path, capsys):
     small = {"num_objects": 2, "num_searches": 2, "jobs": 1, "plan": PLAN, "levels": (0, 1), "pressed": 4}
     players = ["information_gain", "shape_information_gain", "value_of_information", "point_based", "threshold"]
