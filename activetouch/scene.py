@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Bodies, Variation, member_shares, sizes
 from activetouch.errors import BadMesh, UnstablePress, WrongScene
-from activetouch.orientations import Presentation, Tumbled
+from activetouch.orientations import Moves, Presentation, Tumbled
 from activetouch.poses import (
     POSE_SETS,
     POSES,
@@ -86,6 +86,7 @@ class Scene:
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
+        moves: how objects move between touches, where no hand holds them; None for objects that stay.
     """
 
     shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
@@ -98,6 +99,7 @@ class Scene:
     presentation: Presentation = field(default_factory=Tumbled)
     aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     hand: Hand | None = None
+    moves: Moves | None = None
 
     def __post_init__(self) -> None:
         if not self.shapes or not self.poses:
@@ -139,6 +141,8 @@ class Scene:
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
+        if self.moves is not None and (self.hand is not None or not isinstance(self.moves, Moves)):
+            raise InvalidArgument(f"moves must be Moves(), and the scene without a hand; got {self.moves!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
@@ -327,6 +331,8 @@ class Scene:
         offset = self.variation.sample_offset(rng)
         if label in self.aims:
             offset += self.aims[label]
+        if obj.offset is not None and self.hand is None:
+            offset += (to_matrix(self.rotations[label]) @ obj.offset)[1:]
         shown = self.presentation.shown(obj.orientation, self.rotations[label], rng)
         solid = self.solids[self.shape_labels[obj.shape_index]] if obj.member is None else obj.member
         return Placement(solid, obj.scale, shown, offset, obj.friction, obj.stiffness)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from activetouch.distributions import Constant
 from activetouch.errors import SceneShift
 from activetouch.named_scenes import SCENES, as_named
+from activetouch.orientations import Inexact
 from activetouch.perception.cached_arrays import announced
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
@@ -138,6 +139,7 @@ class TactileSensor:
             return RecordedSensor.read_folder(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
+        full, scene = scene, replace(scene, moves=None)  # readers and fits are those of objects that stay
         plan = cls.nested_plan(scene, independent, nested)
         path, fitted, shift = files_for(folder, scene, anyway, independent, bool(unknown_state) or plan is not None)
         reader = TactileReader.load(path).bound_to(scene)
@@ -157,13 +159,17 @@ class TactileSensor:
                 from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
 
                 model = doubted(model, doubting_file(folder, path, scene, independent), scene)
+        if full.moves is not None or isinstance(full.presentation, Inexact):
+            from activetouch.perception.moving import moving_model  # other sensors do not need it
+
+            model = moving_model(model, full)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
                 SceneShift,
                 stacklevel=2,
             )
-        return cls(scene, reader, model, shift=shift, folder=folder)
+        return cls(full, reader, model, shift=shift, folder=folder)
 
     @staticmethod
     def nested_plan(scene: Scene, independent: bool, nested: bool | NestedPlan | None) -> NestedPlan | None:

@@ -1,0 +1,174 @@
+r"""The joint model of one rigid body that may move between touches, or lies a little otherwise in every touch.
+
+    p(i before touch t) = (1 - q) p(i after touch t - 1) + q ∑_j p(j after touch t - 1) K(j → i)
+
+Before each touch but the first, the body moves with probability q, to hypotheses that lie nearby (:class:`CellKernel`).
+A touch that fits none of the probable hypotheses, but some near them, is then evidence for a move
+(:attr:`MovingEvidence.moved`). Where poses are missed, the likelihood of a touch is averaged in the same way: the body
+may have lain in any nearby hypothesis, independently in each touch.
+
+A mug whose two hypotheses change places in every second move, a cup that feels the same in both, and a last touch that
+fits the other hypothesis of the mug:
+
+>>> from belief.observation_model import FixedHypotheses
+>>> table = FixedHypotheses(np.array([[[[3.0, 0.0], [0.0, 3.0]], [[1.0, 1.0], [1.0, 1.0]]]], np.float32))
+>>> one = np.ones((1, 1, 2))
+>>> still = RigidBodyModel(("mug", "cup"), 2, 1.0, references=one, reference_logits=one, hypotheses=table)
+>>> kernel = CellKernel.of(np.ones((2, 2)), np.full(2, 0.5))
+>>> evidence: MovingEvidence = MovingBodyModel.of(still, prob=0.2, kernel=kernel).start()
+>>> for embedding in ([1.0, 0.0], [1.0, 0.0], [0.0, 1.0]):
+...     evidence = evidence.update(Touch(0, features=np.array(embedding)))
+>>> evidence.moved.round(2).tolist()
+[0.7, 0.2]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.cell_kernel import CellKernel
+from belief.constraints import Probability, check
+from belief.frozen import frozen
+from belief.observation_model.outcome_mixture import log_means
+from belief.observation_model.repeat_discount import repeat_shares
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, relative
+from belief.problem import Touch
+from belief.validation import Floats
+
+if TYPE_CHECKING:
+    from belief.touch_batch import TouchBatch
+
+Place = int | tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MovingBodyModel(RigidBodyModel):
+    """Joint posterior over shape, orientation and size of a body that may move between touches.
+
+    Other attributes are those of :class:`RigidBodyModel`; there is no conflict test, which holds for a body at rest.
+    Predicted outcomes of the next touches suppose that it stays, and that poses are exact.
+
+    Attributes:
+        prob: probability of a move between two touches.
+        kernel: where a move takes the body, among the N hypotheses; None for a body at rest.
+        error: how it lies in a touch, apart from its hypothesis; None for exact poses.
+    """
+
+    name: ClassVar[str] = "moving rigid body"
+    prob: Probability = field(kw_only=True)
+    kernel: CellKernel | None = field(kw_only=True)
+    error: CellKernel | None = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+        for name in ("kernel", "error"):
+            kernel = getattr(self, name)
+            if kernel is not None and len(kernel.shares) != self.num_hypotheses:
+                raise ValueError(f"{name} is about {len(kernel.shares)} hypotheses of {self.num_hypotheses}")
+        super().__post_init__()
+
+    @classmethod
+    def of(
+        cls, model: RigidBodyModel, prob: float = 0.0, kernel: CellKernel | None = None, error: CellKernel | None = None
+    ) -> MovingBodyModel:
+        """A model of bodies at rest, for bodies that move."""
+        given = {part.name: getattr(model, part.name) for part in fields(RigidBodyModel)} | {"conflict": None}
+        return cls(**given, prob=prob, kernel=kernel, error=error)
+
+    @property
+    def moves(self) -> bool:
+        """Whether a body may move."""
+        return self.kernel is not None and self.prob > 0.0
+
+    def scores_of(self, touch: Touch, embedding: Floats) -> NDArray[Any]:
+        """Log p(touch | hypothesis) of one touch, ``(K, N)``."""
+        scores = super().scores_of(touch, embedding)
+        return scores if self.error is None else self.error.mean(scores)
+
+    def before_next(self, log_weights: Floats) -> Floats:
+        """Log weights ``(..., N)`` after a move that may have happened; the sums of the weights stay."""
+        return self.kernel.moved(log_weights, self.prob) if self.kernel is not None and self.moves else log_weights
+
+    def log_weights(
+        self, batch: TouchBatch, dtype: type[np.floating] = np.float64, shapes: slice = slice(None)
+    ) -> NDArray[Any]:
+        """See :meth:`RigidBodyModel.log_weights`."""
+        embeddings = self.embeddings(batch)
+        shares = repeat_shares(batch.poses, self.correlation, self.drift)
+        weights = np.zeros((len(batch), len(self.shape_labels[shapes]), self.num_hypotheses))
+        for step in range(batch.num_touches):
+            weights = self.before_next(weights) if step else weights
+            for pose in np.unique(batch.poses[:, step]).tolist():
+                here = np.flatnonzero(batch.poses[:, step] == pose)
+                scores: NDArray[Any] = self.scores(pose, embeddings[here, step], shapes)
+                scores = scores if self.error is None else self.error.mean(scores)
+                weights[here] += shares[here, step, None, None] * scores
+        return weights.astype(dtype, copy=False)
+
+    def start(self) -> MovingEvidence:
+        """See :class:`ArrayModel`."""
+        zeros = np.zeros((len(self.shape_labels), self.num_hypotheses))
+        return MovingEvidence(self, frozen(zeros), frozen(zeros[:, 0]))
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`; no file is read back: a scene says how bodies move."""
+        kernels = [None if one is None else float(np.square(one.joint).sum()) for one in (self.kernel, self.error)]
+        return {**super().to_fields(), "moves": [self.prob, *kernels]}
+
+
+@dataclass(frozen=True, eq=False)
+class MovingEvidence(RigidBodyEvidence):
+    """The evidence about one body that may move between touches.
+
+    Attributes:
+        felt: place and scores ``(K, N)`` of every touch, oldest first.
+        stayed: log p(touches, no move before the last one | shape), ``(K,)``, up to the constant of the log-likelihood.
+    """
+
+    model: MovingBodyModel
+    felt: tuple[tuple[Place, NDArray[Any]], ...] = ()
+    stayed: Floats | None = None
+
+    def update(self, touch: Touch) -> MovingEvidence:
+        """The evidence with one more touch; where repeats or drift change the weight of others, all are gone through.
+
+        Touches count as those of a body at rest (:func:`repeat_shares`).
+        """
+        model = self.model
+        scores = model.scores_of(touch, model.embedding_of(touch))
+        place: Place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
+        felt = (*self.felt, (place, frozen(scores)))
+        numbers = {one: number for number, one in enumerate(dict.fromkeys(where for where, _ in felt))}
+        shares = repeat_shares(np.array([[numbers[where] for where, _ in felt]]), model.correlation, model.drift)[0]
+        weights, first, constant = self.log_weights, self.num_touches, self.constant
+        if (shares[:-1] != 1.0).any():
+            weights, first, constant = np.zeros_like(weights), 0, 0.0
+        stayed = weights
+        for step in range(first, len(felt)):
+            counted = shares[step] * felt[step][1]
+            stayed = weights + counted
+            weights = model.before_next(weights) + counted if step else stayed
+        log_weights, log_likelihood, largest = relative(np.array(weights))
+        in_pose = {}
+        if model.correlation or model.drift:
+            in_pose = {one: (sum(where == one for where, _ in felt), np.zeros(0)) for one in numbers}
+        of_stay = None
+        if model.moves and len(felt) > 1:
+            of_stay = frozen(log_means(stayed) + np.log1p(-min(model.prob, 1.0 - 1e-12)) - largest)
+        number, constant = self.num_touches + 1, constant + float(largest)
+        return MovingEvidence(
+            model, log_weights, log_likelihood, number, in_pose, constant=constant, felt=felt, stayed=of_stay
+        )
+
+    @cached_property
+    def moved(self) -> Floats:
+        """Probability of a move just before the last touch, given each shape and all touches, ``(K,)``."""
+        if self.stayed is None:
+            return np.zeros(len(self.log_likelihood))
+        return np.clip(-np.expm1(self.stayed - self.log_likelihood), 0.0, 1.0)
