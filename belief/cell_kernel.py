@@ -1,7 +1,8 @@
 """Where the probability of a cell goes when what is hidden moves, and what a cell explains when it is missed a little.
 
 A kernel joins pairs of cells that are near each other. It is symmetric: as much of the prior goes from one cell to
-another as comes back, so that a belief that knows nothing still knows nothing after a move.
+another as comes back, so that a belief that knows nothing still knows nothing after a move. Weights are in single
+precision, relative to the largest.
 
 >>> places = np.array([[0.0], [1.0], [5.0]])
 >>> kernel = CellKernel.of(np.exp(-np.square(places - places.T)), np.full(3, 1 / 3))
@@ -24,71 +25,102 @@ from numpy.typing import NDArray
 from belief.frozen import FrozenArrays
 from belief.validation import Floats
 
+Floats32 = NDArray[np.float32]
+
 _STEPS = 30  # of the balance of rows and columns
-_TINY = np.finfo(np.float64).tiny
+_TINY = np.finfo(np.float32).tiny
 
 
 @dataclass(frozen=True, eq=False)
 class CellKernel(FrozenArrays):
-    """Joint probabilities of the cells before and after a move, of N cells: a sparse symmetric matrix.
+    """Joint probabilities of the wide cells before and after a move, and the N cells that lie in them.
+
+    Within a wide cell, what has moved there is spread over its cells by their prior. Of M wide cells, the joint
+    probabilities are a sparse symmetric matrix.
 
     Attributes:
         joint: its E entries that are not zero, ``(E,)``, row by row; they sum to 1.
         columns: of each entry, ``(E,)``.
-        starts: first entry of each row, and E, ``(N + 1,)``.
-        shares: prior probability of each cell, ``(N,)``, which is the sum of its row and of its column.
+        starts: first entry of each row, and E, ``(M + 1,)``.
+        shares: prior probability of each wide cell, ``(M,)``, the sum of its row and of its column.
+        wide: the wide cell of each cell, ``(N,)``; empty where each is one of its own.
+        parts: prior probability of each cell, as a part of its wide cell's, ``(N,)``; empty as well.
     """
 
     joint: Floats
     columns: NDArray[np.int32]
     starts: NDArray[np.int32]
     shares: Floats
+    wide: NDArray[np.int64]
+    parts: Floats
 
     @classmethod
-    def of(cls, closeness: Any, shares: Floats) -> CellKernel:
+    def of(cls, closeness: Any, shares: Floats, wide: NDArray[np.int64] | None = None) -> CellKernel:
         """The kernel of cells whose pairs are weighed by their closeness.
 
         Args:
-            closeness: ``(N, N)``, symmetric and not negative, zero nowhere on its diagonal; an array or a sparse array.
+            closeness: of wide cells, ``(M, M)``, symmetric and not negative, zero nowhere on its diagonal; an array or
+                a sparse array.
             shares: prior probabilities of the cells, ``(N,)``, positive.
+            wide: the wide cell of each cell, ``(N,)``, in which all M occur; by default each is one of its own.
 
         Raises:
-            ValueError: numbers that are none of these, or rows that cannot be balanced.
+            ValueError: numbers that are none of these.
         """
-        matrix = scipy.sparse.csr_array(closeness, dtype=np.float64)
-        if matrix.shape != (len(shares), len(shares)) or not (np.isfinite(shares).all() and np.min(shares) > 0.0):
-            raise ValueError(f"closeness must be (N, N) for N positive shares, got {matrix.shape} and {len(shares)}")
+        matrix, shares = scipy.sparse.csr_array(closeness, dtype=np.float64), np.asarray(shares, np.float64)
+        if not (shares.ndim == 1 and np.isfinite(shares).all() and shares.min(initial=1.0) > 0.0):
+            raise ValueError(f"shares must be (N,), positive and finite, got {shares!r:.80}")
+        shares = shares / shares.sum()
+        within, parts = np.zeros(0, np.int64), np.zeros(0)
+        if wide is not None:
+            within = np.asarray(wide, np.int64)
+            of_wide = np.asarray(np.bincount(within, shares, matrix.shape[0]), np.float64)
+            parts, shares = shares / of_wide[within], of_wide
+        if matrix.shape != 2 * (len(shares),) or not shares.min() > 0.0:
+            raise ValueError(f"closeness must be (M, M) for the M wide cells, got {matrix.shape} and {len(shares)}")
         if not (np.isfinite(matrix.data).all() and (matrix.data >= 0.0).all() and (matrix.diagonal() > 0.0).all()):
             raise ValueError("closeness must be finite, nowhere negative, and positive on its diagonal")
-        shares = np.asarray(shares, np.float64) / np.sum(shares)
         factors = np.sqrt(shares / (matrix @ np.ones(len(shares))))
         for _ in range(_STEPS):
             factors = np.sqrt(factors * shares / (matrix @ factors))
         rows = np.repeat(np.arange(len(shares)), np.diff(matrix.indptr))
         joint = factors[rows] * matrix.data * factors[matrix.indices]
-        return cls(joint, matrix.indices.astype(np.int32), matrix.indptr.astype(np.int32), shares)
+        return cls(joint, matrix.indices.astype(np.int32), matrix.indptr.astype(np.int32), shares, within, parts)
+
+    @property
+    def num_cells(self) -> int:
+        """N."""
+        return len(self.wide) or len(self.shares)
 
     def moved(self, log_weights: Floats, prob: float) -> Floats:
         """Log weights ``(..., N)`` after a move with probability ``prob``; the sums of the weights stay."""
-        return self._of_logs(log_weights, self._forward, prob)
+        weights, largest = _weights(log_weights)
+        found = self.spread(weights)
+        found *= np.float32(prob)
+        weights *= np.float32(1.0 - prob)
+        found += weights
+        return _logs(found, largest)
+
+    def spread(self, weights: Floats32) -> Floats32:
+        """Weights ``(..., N)`` after a move."""
+        if not len(self.wide):
+            return _product(self._forward, weights)
+        pooled = np.add.reduceat(np.take(weights, self._order, axis=-1), self._firsts, axis=-1)
+        found = np.take(_product(self._forward, pooled), self.wide, axis=-1)
+        found *= self._parts
+        return found
 
     def mean(self, log_likelihoods: NDArray[np.floating]) -> Floats:
         """Log mean likelihood of the cells in which one may be instead of each cell, ``(..., N)``."""
-        return self._of_logs(log_likelihoods, self._back, 1.0)
-
-    @staticmethod
-    def _of_logs(logs: NDArray[np.floating], matrix: Any, prob: float) -> Floats:
-        largest = np.max(logs, axis=-1, keepdims=True)
-        largest = np.where(np.isfinite(largest), largest, 0.0)
-        weights = np.exp(logs - largest, dtype=np.float64)
-        found = (matrix @ weights.reshape(-1, weights.shape[-1]).T).T.reshape(weights.shape)
-        found *= prob
-        found += (1.0 - prob) * weights
-        return np.asarray(np.log(np.maximum(found, _TINY, out=found), out=found) + largest)
+        weights, largest = _weights(log_likelihoods)
+        if not len(self.wide):
+            return _logs(_product(self._back, weights), largest)
+        pooled = np.add.reduceat(np.take(weights * self._parts, self._order, axis=-1), self._firsts, axis=-1)
+        return _logs(np.take(_product(self._back, pooled), self.wide, axis=-1), largest)
 
     @cached_property
     def _forward(self) -> Any:
-        """Sparse ``(N, N)`` that takes probabilities before a move to those after it."""
+        """Sparse ``(M, M)`` that takes probabilities before a move to those after it."""
         return self._matrix(self.joint / self.shares[self.columns])
 
     @cached_property
@@ -97,4 +129,36 @@ class CellKernel(FrozenArrays):
         return self._matrix(self.joint / np.repeat(self.shares, np.diff(self.starts)))
 
     def _matrix(self, entries: Floats) -> Any:
+        entries = entries.astype(np.float32)
         return scipy.sparse.csr_array((entries, self.columns, self.starts), shape=2 * (len(self.shares),))
+
+    @cached_property
+    def _parts(self) -> Floats32:
+        return self.parts.astype(np.float32)
+
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        """The cells by their wide cells, ``(N,)``."""
+        return np.argsort(self.wide, kind="stable")
+
+    @cached_property
+    def _firsts(self) -> NDArray[np.int64]:
+        """First cell of each wide cell in that order, ``(M,)``."""
+        return np.searchsorted(self.wide[self._order], np.arange(len(self.shares)))
+
+
+def _weights(logs: NDArray[np.floating]) -> tuple[Floats32, Floats]:
+    """Exponentials relative to the largest, ``(..., N)``, and the log of the largest, ``(..., 1)``."""
+    largest = np.max(logs, axis=-1, keepdims=True)
+    largest = np.where(np.isfinite(largest), largest, 0.0)
+    weights = np.subtract(logs, largest, dtype=np.float32, casting="same_kind")
+    return np.exp(weights, out=weights), largest
+
+
+def _logs(weights: Floats32, largest: Floats) -> Floats:
+    return np.asarray(np.log(np.maximum(weights, _TINY, out=weights), out=weights) + largest)
+
+
+def _product(matrix: Any, weights: Floats32) -> Floats32:
+    rows = weights.reshape(-1, weights.shape[-1])
+    return np.ascontiguousarray((matrix @ rows.T).T).reshape(weights.shape)

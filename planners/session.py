@@ -410,7 +410,8 @@ class Session:
         if told.touch is not None:
             progress.touch(told.touch)
             if decision.action != Probe(told.touch.pose) or told.touch.elsewhere is not None:
-                decision = Decision(Probe(told.touch.pose), {"is_unasked": 1.0})
+                moved = {MOVED: decision.scores[MOVED]} if MOVED in decision.scores else {}
+                decision = Decision(Probe(told.touch.pose), {**moved, "is_unasked": 1.0})
         elif told.is_miss:
             progress.miss()
         else:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy  # whose parts load at first use
+from numpy.typing import NDArray
 
-from activetouch.distributions import Bodies
+from activetouch.distributions import Bodies, quaternions
 from activetouch.errors import WrongScene
 from activetouch.orientations import Inexact, Tumbled
 from activetouch.perception.contacts.hypotheses import cell_of
+from activetouch.rotation_cells import nearest
 from activetouch.scene import Scene
 from belief.cell_kernel import CellKernel
 from belief.observation_model.model import ArrayModel
@@ -21,6 +24,8 @@ from belief.validation import Floats
 _LARGER = 1.1  # a pose error by its cell, from which cells do not express it
 _SIZES = 0.15  # deviation of sizes, and of places in a family, that count as equal, relative to their range
 _FARTHEST = 3.0  # deviations
+_HALVINGS = 10  # of the range in which a deviation is found
+_WIDE = 0.6  # width of the cells that share their turns, relative to the deviation of a turn
 
 
 def missed_by(scene: Scene, num_hypotheses: int) -> float:
@@ -60,40 +65,73 @@ def moving_model(model: ArrayModel, scene: Scene) -> ArrayModel:
     if not (error or moves):
         return model
     bodies = scene.hypotheses(number)
-    miss = kernel_of(scene, bodies, error) if error else None
+    miss = missing_kernel(scene, bodies, error) if error else None
     if moves is None:
         return MovingBodyModel.of(model, error=miss)
-    wide = float(np.hypot(moves.angle, np.sqrt(2.0) * cell_of(number)))  # from anywhere in a cell to anywhere in one
-    return MovingBodyModel.of(model, moves.prob, kernel_of(scene, bodies, wide), miss)
+    return MovingBodyModel.of(model, moves.prob, turning_kernel(bodies.rests, moves.angle), miss)
 
 
-def kernel_of(scene: Scene, bodies: Bodies, deviation: float) -> CellKernel:
+def missing_kernel(scene: Scene, bodies: Bodies, deviation: float) -> CellKernel:
     """Turns between N hypotheses with a deviation about each axis [rad], which keep the size and the proportions."""
     low, high = scene.variation.size.support
-    parts = [(bodies.sizes - low) / (high - low)] if high > low else []
-    parts += [bodies.shares] if scene.families else []
-    return rotation_kernel(bodies.rests, deviation, np.full(len(bodies.rests), 1.0), parts)
+    kept = [(bodies.sizes - low) / (high - low)] if high > low else []
+    kept += [bodies.shares] if scene.families else []
+    return turns(bodies.rests, deviation, deviation, np.ones(len(bodies.rests)), kept=kept)
 
 
-def rotation_kernel(
-    orientations: Floats, deviation: float, shares: Floats, others: list[Floats] | None = None
-) -> CellKernel:
-    """Random turns between cells of ``orientations (N, 4)``, with a deviation about each axis [rad].
+def turning_kernel(rests: Floats, deviation: float, shares: Floats | None = None) -> CellKernel:
+    """Turns with a deviation about each axis [rad], from anywhere in a cell to anywhere in another.
 
-    ``shares (N,)`` are prior probabilities of the cells. ``others`` are numbers in [0, 1] of each cell, ``(N,)``, that
-    turns keep, as far as the cells allow.
+    The cells have the middles ``rests (N, 4)`` and prior probabilities ``shares (N,)``, equal ones by default. Those in
+    a wide cell share their turns, as far as these are wide; the size is forgotten.
     """
-    number, half = len(orientations), deviation / 2.0
-    both = np.concatenate([orientations, -orientations])
-    cosine = 1.0 / np.hypot(1.0, _FARTHEST * half)  # of half the largest angle
-    tree, other = scipy.spatial.cKDTree(orientations), scipy.spatial.cKDTree(both)
+    number, shares = len(rests), np.ones(len(rests)) if shares is None else shares
+    whole = float(np.hypot(deviation, np.sqrt(2.0) * cell_of(number)))
+    for fewer in (number // 2**power for power in range(6, 0, -1)):
+        if fewer and cell_of(fewer) <= _WIDE * deviation:
+            spread = quaternions(fewer)
+            used, wide = np.unique(nearest(rests, spread), return_inverse=True)
+            centres = spread[used]
+            within = np.square(_angles(rests, centres[wide])).mean() / 3.0  # about each axis, before and after
+            return turns(centres, np.sqrt(whole**2 - 2.0 * within), whole, shares, wide)
+    return turns(rests, whole, whole, shares)
+
+
+def turns(
+    centres: Floats,
+    deviation: float,
+    widest: float,
+    shares: Floats,
+    wide: NDArray[np.int64] | None = None,
+    kept: Sequence[Floats] = (),
+) -> CellKernel:
+    """Random turns between M wide cells with middles ``centres (M, 4)``, with a deviation about each axis [rad].
+
+    They are no farther than some deviations of ``widest`` [rad]. Where cells are wider than the deviation, the density
+    at their middles would be too narrow; it is widened until the turns are right. ``shares`` and ``wide`` are those of
+    :meth:`CellKernel.of`. ``kept`` are numbers in [0, 1] of each cell, ``(M,)``, that turns keep as far as cells allow.
+    """
+    number = len(centres)
+    cosine = 1.0 / np.hypot(1.0, _FARTHEST * widest / 2.0)  # of half the largest angle
+    tree, other = (scipy.spatial.cKDTree(each) for each in (centres, np.concatenate([centres, -centres])))
     pairs = tree.sparse_distance_matrix(other, np.sqrt(2.0 - 2.0 * cosine), output_type="coo_matrix")
     rows, columns = pairs.row, pairs.col % number
     squared = 1.0 / np.square(1.0 - np.square(pairs.data) / 2.0) - 1.0  # tangent of half the angle
-    logs = 2.0 * np.log1p(squared) - squared / (2.0 * half**2)
-    for each in others or []:
+    alike, near = np.zeros(len(rows)), np.ones(len(rows), np.bool_)
+    for each in kept:
         apart = np.abs(each[rows] - each[columns]) / _SIZES
-        logs = np.where(apart < _FARTHEST, logs - np.square(apart) / 2.0, -np.inf)
-    near = np.isfinite(logs)
-    closeness = scipy.sparse.coo_array((np.exp(logs[near]), (rows[near], columns[near])), shape=(number, number))
-    return CellKernel.of(closeness, shares)
+        alike, near = alike - np.square(apart) / 2.0, near & (apart < _FARTHEST)
+    rows, columns, squared, alike = rows[near], columns[near], squared[near], alike[near]
+    low, high = deviation / 4.0, deviation * 4.0
+    for _ in range(_HALVINGS):
+        tried = np.sqrt(low * high)
+        density = np.exp(alike + 2.0 * np.log1p(squared) - squared / (2.0 * (tried / 2.0) ** 2))
+        found = CellKernel.of(scipy.sparse.coo_array((density, (rows, columns)), shape=(number, number)), shares, wide)
+        apart = _angles(np.repeat(centres, np.diff(found.starts), axis=0), centres[found.columns])
+        low, high = (tried, high) if found.joint @ np.square(apart) / 3.0 < deviation**2 else (low, tried)
+    return found
+
+
+def _angles(one: Floats, other: Floats) -> Floats:
+    """Between unit quaternions ``(n, 4)`` [rad], ``(n,)``."""
+    return np.asarray(2.0 * np.arccos(np.minimum(np.abs(np.einsum("ni,ni->n", one, other)), 1.0)))

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from belief.touch_batch import TouchBatch
 
 Place = int | tuple[float, ...]
+_MOST = 1.0 - 1e-12  # probability of a move
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +70,8 @@ class MovingBodyModel(RigidBodyModel):
         check(self)
         for name in ("kernel", "error"):
             kernel = getattr(self, name)
-            if kernel is not None and len(kernel.shares) != self.num_hypotheses:
-                raise ValueError(f"{name} is about {len(kernel.shares)} hypotheses of {self.num_hypotheses}")
+            if kernel is not None and kernel.num_cells != self.num_hypotheses:
+                raise ValueError(f"{name} is about {kernel.num_cells} hypotheses of {self.num_hypotheses}")
         super().__post_init__()
 
     @classmethod
@@ -128,7 +129,8 @@ class MovingEvidence(RigidBodyEvidence):
 
     Attributes:
         felt: place and scores ``(K, N)`` of every touch, oldest first.
-        stayed: log p(touches, no move before the last one | shape), ``(K,)``, up to the constant of the log-likelihood.
+        stayed: log p(touches, no move before the last one, hypothesis), ``(K, N)``, up to the constant of the log
+            weights; None where none is possible.
     """
 
     model: MovingBodyModel
@@ -136,34 +138,35 @@ class MovingEvidence(RigidBodyEvidence):
     stayed: Floats | None = None
 
     def update(self, touch: Touch) -> MovingEvidence:
-        """The evidence with one more touch; where repeats or drift change the weight of others, all are gone through.
+        """The evidence with one more touch; where it changes the weight of others, all are gone through again.
 
         Touches count as those of a body at rest (:func:`repeat_shares`).
         """
-        model = self.model
+        model, first, constant = self.model, self.num_touches, self.constant
         scores = model.scores_of(touch, model.embedding_of(touch))
         place: Place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
-        felt = (*self.felt, (place, frozen(scores)))
-        numbers = {one: number for number, one in enumerate(dict.fromkeys(where for where, _ in felt))}
-        shares = repeat_shares(np.array([[numbers[where] for where, _ in felt]]), model.correlation, model.drift)[0]
-        weights, first, constant = self.log_weights, self.num_touches, self.constant
-        if (shares[:-1] != 1.0).any():
+        felt, weights = (*self.felt, (place, frozen(scores))), self.log_weights
+        is_repeat = any(place == where for where, _ in self.felt)
+        shares = np.ones(len(felt))
+        if first and (model.drift or (model.correlation and is_repeat)):
+            places = list(dict.fromkeys(where for where, _ in felt))
+            rows = np.array([[places.index(where) for where, _ in felt]])
+            shares = repeat_shares(rows, model.correlation, model.drift)[0]
             weights, first, constant = np.zeros_like(weights), 0, 0.0
-        stayed = weights
+        before = None
         for step in range(first, len(felt)):
-            counted = shares[step] * felt[step][1]
-            stayed = weights + counted
-            weights = model.before_next(weights) + counted if step else stayed
-        log_weights, log_likelihood, largest = relative(np.array(weights))
-        in_pose = {}
+            before = weights if step and model.moves else None
+            counted = felt[step][1] if shares[step] == 1.0 else shares[step] * felt[step][1]
+            weights = (model.before_next(weights) if step else weights) + counted
+        log_weights, log_likelihood, largest = relative(weights)
+        in_pose = self.in_pose
         if model.correlation or model.drift:
-            in_pose = {one: (sum(where == one for where, _ in felt), np.zeros(0)) for one in numbers}
-        of_stay = None
-        if model.moves and len(felt) > 1:
-            of_stay = frozen(log_means(stayed) + np.log1p(-min(model.prob, 1.0 - 1e-12)) - largest)
+            in_pose = {**in_pose, place: (in_pose.get(place, (0,))[0] + 1, np.zeros(0))}
+        if before is not None:
+            before = frozen(before + counted + (np.log1p(-min(model.prob, _MOST)) - largest))
         number, constant = self.num_touches + 1, constant + float(largest)
         return MovingEvidence(
-            model, log_weights, log_likelihood, number, in_pose, constant=constant, felt=felt, stayed=of_stay
+            model, log_weights, log_likelihood, number, in_pose, constant=constant, felt=felt, stayed=before
         )
 
     @cached_property
@@ -171,4 +174,4 @@ class MovingEvidence(RigidBodyEvidence):
         """Probability of a move just before the last touch, given each shape and all touches, ``(K,)``."""
         if self.stayed is None:
             return np.zeros(len(self.log_likelihood))
-        return np.clip(-np.expm1(self.stayed - self.log_likelihood), 0.0, 1.0)
+        return np.clip(-np.expm1(log_means(np.array(self.stayed)) - self.log_likelihood), 0.0, 1.0)
