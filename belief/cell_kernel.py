@@ -92,6 +92,11 @@ class CellKernel(FrozenArrays):
         """N."""
         return len(self.wide) or len(self.shares)
 
+    @property
+    def fingerprint(self) -> float:
+        """A number that differs between kernels: the sum of squared joint probabilities."""
+        return float(np.square(self.joint).sum())
+
     def moved(self, log_weights: Floats, prob: float) -> Floats:
         """Log weights ``(..., N)`` after a move with probability ``prob``; the sums of the weights stay."""
         weights, largest = _weights(log_weights)

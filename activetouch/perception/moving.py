@@ -13,11 +13,12 @@ from activetouch.distributions import Bodies, quaternions
 from activetouch.errors import WrongScene
 from activetouch.orientations import Inexact, Tumbled
 from activetouch.perception.contacts.hypotheses import cell_of
-from activetouch.rotation_cells import nearest
+from activetouch.rotation_cells import LEVELS, centres, nearest
 from activetouch.scene import Scene
 from belief.cell_kernel import CellKernel
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.moving_body import MovingBodyModel
+from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.validation import Floats
 
@@ -53,6 +54,8 @@ def moving_model(model: ArrayModel, scene: Scene) -> ArrayModel:
     Raises:
         WrongScene: objects move, and the belief is not about one rigid body of unknown orientation.
     """
+    if isinstance(model, NestedBodyModel) and scene.moves is not None:
+        return replace(model, moves=(_nested_kernel(model, scene.moves.angle), scene.moves.prob), strangers=None)
     if not isinstance(model, RigidBodyModel):
         if scene.moves is not None:
             raise WrongScene(
@@ -91,29 +94,36 @@ def turning_kernel(rests: Floats, deviation: float, shares: Floats | None = None
         if fewer and cell_of(fewer) <= _WIDE * deviation:
             spread = quaternions(fewer)
             used, wide = np.unique(nearest(rests, spread), return_inverse=True)
-            centres = spread[used]
-            within = np.square(_angles(rests, centres[wide])).mean() / 3.0  # about each axis, before and after
-            return turns(centres, np.sqrt(whole**2 - 2.0 * within), whole, shares, wide)
+            middles = spread[used]
+            within = np.square(_angles(rests, middles[wide])).mean() / 3.0  # about each axis, before and after
+            return turns(middles, np.sqrt(whole**2 - 2.0 * within), whole, shares, wide)
     return turns(rests, whole, whole, shares)
 
 
+def _nested_kernel(model: NestedBodyModel, deviation: float) -> CellKernel:
+    """Turns between the coarsest cells, within which what has moved is anywhere."""
+    middles = next(found for level in range(LEVELS) if len(found := centres(level)) == len(model.cells.shares[0]))
+    own = np.sqrt(max(deviation**2 - 2.0 * cell_of(len(middles)) ** 2, deviation**2 / 4.0))
+    return turns(middles, own, deviation, model.cells.shares[0])
+
+
 def turns(
-    centres: Floats,
+    middles: Floats,
     deviation: float,
     widest: float,
     shares: Floats,
     wide: NDArray[np.int64] | None = None,
     kept: Sequence[Floats] = (),
 ) -> CellKernel:
-    """Random turns between M wide cells with middles ``centres (M, 4)``, with a deviation about each axis [rad].
+    """Random turns between M wide cells with middles ``middles (M, 4)``, with a deviation about each axis [rad].
 
     They are no farther than some deviations of ``widest`` [rad]. Where cells are wider than the deviation, the density
     at their middles would be too narrow; it is widened until the turns are right. ``shares`` and ``wide`` are those of
     :meth:`CellKernel.of`. ``kept`` are numbers in [0, 1] of each cell, ``(M,)``, that turns keep as far as cells allow.
     """
-    number = len(centres)
+    number = len(middles)
     cosine = 1.0 / np.hypot(1.0, _FARTHEST * widest / 2.0)  # of half the largest angle
-    tree, other = (scipy.spatial.cKDTree(each) for each in (centres, np.concatenate([centres, -centres])))
+    tree, other = (scipy.spatial.cKDTree(each) for each in (middles, np.concatenate([middles, -middles])))
     pairs = tree.sparse_distance_matrix(other, np.sqrt(2.0 - 2.0 * cosine), output_type="coo_matrix")
     rows, columns = pairs.row, pairs.col % number
     squared = 1.0 / np.square(1.0 - np.square(pairs.data) / 2.0) - 1.0  # tangent of half the angle
@@ -127,7 +137,7 @@ def turns(
         tried = np.sqrt(low * high)
         density = np.exp(alike + 2.0 * np.log1p(squared) - squared / (2.0 * (tried / 2.0) ** 2))
         found = CellKernel.of(scipy.sparse.coo_array((density, (rows, columns)), shape=(number, number)), shares, wide)
-        apart = _angles(np.repeat(centres, np.diff(found.starts), axis=0), centres[found.columns])
+        apart = _angles(np.repeat(middles, np.diff(found.starts), axis=0), middles[found.columns])
         low, high = (tried, high) if found.joint @ np.square(apart) / 3.0 < deviation**2 else (low, tried)
     return found
 

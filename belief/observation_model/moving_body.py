@@ -119,7 +119,7 @@ class MovingBodyModel(RigidBodyModel):
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`; no file is read back: a scene says how bodies move."""
-        kernels = [None if one is None else float(np.square(one.joint).sum()) for one in (self.kernel, self.error)]
+        kernels = [None if one is None else one.fingerprint for one in (self.kernel, self.error)]
         return {**super().to_fields(), "moves": [self.prob, *kernels]}
 
 
