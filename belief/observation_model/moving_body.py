@@ -42,7 +42,7 @@ from belief.problem import Touch
 from belief.validation import Floats
 
 if TYPE_CHECKING:
-    from belief.touch_batch import TouchBatch
+    pass
 
 Place = int | tuple[float, ...]
 _MOST = 1.0 - 1e-12  # probability of a move
@@ -82,35 +82,21 @@ class MovingBodyModel(RigidBodyModel):
         given = {part.name: getattr(model, part.name) for part in fields(RigidBodyModel)} | {"conflict": None}
         return cls(**given, prob=prob, kernel=kernel, error=error)
 
-    @property
-    def moves(self) -> bool:
-        """Whether a body may move."""
-        return self.kernel is not None and self.prob > 0.0
+    def scores(self, pose: int, embeddings: Floats, shapes: slice = slice(None)) -> NDArray[Any]:
+        """Log p(touch | hypothesis), ``(n, K, N)``."""
+        found = super().scores(pose, embeddings, shapes)
+        return found if self.error is None else self.error.mean(found)
 
     def scores_of(self, touch: Touch, embedding: Floats) -> NDArray[Any]:
         """Log p(touch | hypothesis) of one touch, ``(K, N)``."""
-        scores = super().scores_of(touch, embedding)
-        return scores if self.error is None else self.error.mean(scores)
+        found = super().scores_of(touch, embedding)
+        return found if self.error is None or touch.elsewhere is None else self.error.mean(found)
 
-    def before_next(self, log_weights: Floats) -> Floats:
+    def before_next(self, log_weights: NDArray[Any]) -> NDArray[Any]:
         """Log weights ``(..., N)`` after a move that may have happened; the sums of the weights stay."""
-        return self.kernel.moved(log_weights, self.prob) if self.kernel is not None and self.moves else log_weights
-
-    def log_weights(
-        self, batch: TouchBatch, dtype: type[np.floating] = np.float64, shapes: slice = slice(None)
-    ) -> NDArray[Any]:
-        """See :meth:`RigidBodyModel.log_weights`."""
-        embeddings = self.embeddings(batch)
-        shares = repeat_shares(batch.poses, self.correlation, self.drift)
-        weights = np.zeros((len(batch), len(self.shape_labels[shapes]), self.num_hypotheses))
-        for step in range(batch.num_touches):
-            weights = self.before_next(weights) if step else weights
-            for pose in np.unique(batch.poses[:, step]).tolist():
-                here = np.flatnonzero(batch.poses[:, step] == pose)
-                scores: NDArray[Any] = self.scores(pose, embeddings[here, step], shapes)
-                scores = scores if self.error is None else self.error.mean(scores)
-                weights[here] += shares[here, step, None, None] * scores
-        return weights.astype(dtype, copy=False)
+        if self.kernel is None or not self.prob:
+            return log_weights
+        return self.kernel.moved(log_weights, self.prob).astype(log_weights.dtype, copy=False)
 
     def start(self) -> MovingEvidence:
         """See :class:`ArrayModel`."""
@@ -129,13 +115,13 @@ class MovingEvidence(RigidBodyEvidence):
 
     Attributes:
         felt: place and scores ``(K, N)`` of every touch, oldest first.
-        stayed: log p(touches, no move before the last one, hypothesis), ``(K, N)``, up to the constant of the log
-            weights; None where none is possible.
+        stayed: log weights before the last touch, its counted scores, ``(K, N)`` each, and what was subtracted from
+            their sum; None where no move is possible.
     """
 
     model: MovingBodyModel
     felt: tuple[tuple[Place, NDArray[Any]], ...] = ()
-    stayed: Floats | None = None
+    stayed: tuple[Floats, NDArray[Any], float] | None = None
 
     def update(self, touch: Touch) -> MovingEvidence:
         """The evidence with one more touch; where it changes the weight of others, all are gone through again.
@@ -153,20 +139,18 @@ class MovingEvidence(RigidBodyEvidence):
             rows = np.array([[places.index(where) for where, _ in felt]])
             shares = repeat_shares(rows, model.correlation, model.drift)[0]
             weights, first, constant = np.zeros_like(weights), 0, 0.0
-        before = None
+        before, counted = weights, scores
         for step in range(first, len(felt)):
-            before = weights if step and model.moves else None
-            counted = felt[step][1] if shares[step] == 1.0 else shares[step] * felt[step][1]
+            before, counted = weights, felt[step][1] if shares[step] == 1.0 else shares[step] * felt[step][1]
             weights = (model.before_next(weights) if step else weights) + counted
         log_weights, log_likelihood, largest = relative(weights)
         in_pose = self.in_pose
         if model.correlation or model.drift:
             in_pose = {**in_pose, place: (in_pose.get(place, (0,))[0] + 1, np.zeros(0))}
-        if before is not None:
-            before = frozen(before + counted + (np.log1p(-min(model.prob, _MOST)) - largest))
+        stayed = (before, counted, float(largest)) if len(felt) > 1 and model.kernel is not None else None
         number, constant = self.num_touches + 1, constant + float(largest)
         return MovingEvidence(
-            model, log_weights, log_likelihood, number, in_pose, constant=constant, felt=felt, stayed=before
+            model, log_weights, log_likelihood, number, in_pose, constant=constant, felt=felt, stayed=stayed
         )
 
     @cached_property
@@ -174,4 +158,6 @@ class MovingEvidence(RigidBodyEvidence):
         """Probability of a move just before the last touch, given each shape and all touches, ``(K,)``."""
         if self.stayed is None:
             return np.zeros(len(self.log_likelihood))
-        return np.clip(-np.expm1(log_means(np.array(self.stayed)) - self.log_likelihood), 0.0, 1.0)
+        before, counted, largest = self.stayed
+        logs = log_means(before + counted) + np.log1p(-min(self.model.prob, _MOST)) - largest
+        return np.clip(-np.expm1(logs - self.log_likelihood), 0.0, 1.0)
