@@ -1,8 +1,7 @@
 """Where the probability of a cell goes when what is hidden moves, and what a cell explains when it is missed a little.
 
 A kernel joins pairs of cells that are near each other. It is symmetric: as much of the prior goes from one cell to
-another as comes back, so that a belief that knows nothing still knows nothing after a move. Weights are in single
-precision, relative to the largest.
+another as comes back, so that a belief that knows nothing still knows nothing after a move.
 
 >>> places = np.array([[0.0], [1.0], [5.0]])
 >>> kernel = CellKernel.of(np.exp(-np.square(places - places.T)), np.full(3, 1 / 3))
@@ -25,10 +24,8 @@ from numpy.typing import NDArray
 from belief.frozen import FrozenArrays
 from belief.validation import Floats
 
-Floats32 = NDArray[np.float32]
-
 _STEPS = 30  # of the balance of rows and columns
-_TINY = np.finfo(np.float32).tiny
+_TINY = np.finfo(np.float64).tiny
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,70 +97,49 @@ class CellKernel(FrozenArrays):
     def moved(self, log_weights: Floats, prob: float) -> Floats:
         """Log weights ``(..., N)`` after a move with probability ``prob``; the sums of the weights stay."""
         weights, largest = _weights(log_weights)
-        found = self.spread(weights)
-        found *= np.float32(prob)
-        weights *= np.float32(1.0 - prob)
-        found += weights
-        return _logs(found, largest)
+        return _logs(prob * self.spread(weights) + (1.0 - prob) * weights, largest)
 
-    def spread(self, weights: Floats32) -> Floats32:
+    def spread(self, weights: Floats) -> Floats:
         """Weights ``(..., N)`` after a move."""
-        if not len(self.wide):
-            return _product(self._forward, weights)
-        pooled = np.add.reduceat(np.take(weights, self._order, axis=-1), self._firsts, axis=-1)
-        found = np.take(_product(self._forward, pooled), self.wide, axis=-1)
-        found *= self._parts
-        return found
+        found = self._of_cells(_product(self._forward, weights))
+        return found * self.parts if len(self.wide) else found
 
     def mean(self, log_likelihoods: NDArray[np.floating]) -> Floats:
         """Log mean likelihood of the cells in which one may be instead of each cell, ``(..., N)``."""
         weights, largest = _weights(log_likelihoods)
-        if not len(self.wide):
-            return _logs(_product(self._back, weights), largest)
-        pooled = np.add.reduceat(np.take(weights * self._parts, self._order, axis=-1), self._firsts, axis=-1)
-        return _logs(np.take(_product(self._back, pooled), self.wide, axis=-1), largest)
+        return _logs(self._of_cells(_product(self._back, weights)), largest)
+
+    def _of_cells(self, found: Floats) -> Floats:
+        return np.take(found, self.wide, axis=-1) if len(self.wide) else found
 
     @cached_property
     def _forward(self) -> Any:
-        """Sparse ``(M, M)`` that takes probabilities before a move to those after it."""
-        return self._matrix(self.joint / self.shares[self.columns])
+        """Sparse ``(M, N)`` that takes probabilities before a move to those of wide cells after it."""
+        return self._matrix(self.joint / self.shares[self.columns], np.ones(len(self.wide)))
 
     @cached_property
     def _back(self) -> Any:
-        """Its transpose, which takes likelihoods after a move to those before it."""
-        return self._matrix(self.joint / np.repeat(self.shares, np.diff(self.starts)))
+        """Sparse ``(M, N)`` that takes likelihoods after a move to those of wide cells before it."""
+        return self._matrix(self.joint / np.repeat(self.shares, np.diff(self.starts)), self.parts)
 
-    def _matrix(self, entries: Floats) -> Any:
-        entries = entries.astype(np.float32)
-        return scipy.sparse.csr_array((entries, self.columns, self.starts), shape=2 * (len(self.shares),))
-
-    @cached_property
-    def _parts(self) -> Floats32:
-        return self.parts.astype(np.float32)
-
-    @cached_property
-    def _order(self) -> NDArray[np.int64]:
-        """The cells by their wide cells, ``(N,)``."""
-        return np.argsort(self.wide, kind="stable")
-
-    @cached_property
-    def _firsts(self) -> NDArray[np.int64]:
-        """First cell of each wide cell in that order, ``(M,)``."""
-        return np.searchsorted(self.wide[self._order], np.arange(len(self.shares)))
+    def _matrix(self, entries: Floats, parts: Floats) -> Any:
+        number, cells = len(self.shares), np.arange(len(self.wide))
+        found = scipy.sparse.csr_array((entries, self.columns, self.starts), shape=(number, number))
+        pool = scipy.sparse.csr_array((parts, (self.wide, cells)), shape=(number, len(cells)))
+        return found @ pool if len(cells) else found
 
 
-def _weights(logs: NDArray[np.floating]) -> tuple[Floats32, Floats]:
+def _weights(logs: NDArray[np.floating]) -> tuple[Floats, Floats]:
     """Exponentials relative to the largest, ``(..., N)``, and the log of the largest, ``(..., 1)``."""
     largest = np.max(logs, axis=-1, keepdims=True)
     largest = np.where(np.isfinite(largest), largest, 0.0)
-    weights = np.subtract(logs, largest, dtype=np.float32, casting="same_kind")
-    return np.exp(weights, out=weights), largest
+    return np.exp(np.subtract(logs, largest, dtype=np.float64)), largest
 
 
-def _logs(weights: Floats32, largest: Floats) -> Floats:
-    return np.asarray(np.log(np.maximum(weights, _TINY, out=weights), out=weights) + largest)
+def _logs(weights: Floats, largest: Floats) -> Floats:
+    return np.asarray(np.log(np.maximum(weights, _TINY)) + largest)
 
 
-def _product(matrix: Any, weights: Floats32) -> Floats32:
+def _product(matrix: Any, weights: Floats) -> Floats:
     rows = weights.reshape(-1, weights.shape[-1])
     return np.ascontiguousarray((matrix @ rows.T).T).reshape(weights.shape)

@@ -24,6 +24,7 @@ fits the other hypothesis of the mug:
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -34,7 +35,7 @@ from numpy.typing import NDArray
 from belief.cell_kernel import CellKernel
 from belief.constraints import Probability, check
 from belief.frozen import frozen
-from belief.observation_model.outcome_mixture import log_means
+from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
 from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, relative
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     pass
 
 Place = int | tuple[float, ...]
-_MOST = 1.0 - 1e-12  # probability of a move
+_TINY = 1e-290
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +99,11 @@ class MovingBodyModel(RigidBodyModel):
             return log_weights
         return self.kernel.moved(log_weights, self.prob).astype(log_weights.dtype, copy=False)
 
-    def start(self) -> MovingEvidence:
+    def start(self) -> MovingEvidence:  # type: ignore[override]
         """See :class:`ArrayModel`."""
-        zeros = np.zeros((len(self.shape_labels), self.num_hypotheses))
-        return MovingEvidence(self, frozen(zeros), frozen(zeros[:, 0]))
+        shape = len(self.shape_labels), self.num_hypotheses
+        nothing = frozen(np.zeros(shape[0]))
+        return MovingEvidence(self, frozen(np.full(shape, 1.0 / shape[1])), nothing, nothing)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`; no file is read back: a scene says how bodies move."""
@@ -110,54 +112,93 @@ class MovingBodyModel(RigidBodyModel):
 
 
 @dataclass(frozen=True, eq=False)
-class MovingEvidence(RigidBodyEvidence):
-    """The evidence about one body that may move between touches.
+class MovingEvidence:
+    """The evidence about one body that may move between touches: a frozen value, of which an update makes a new one.
 
     Attributes:
+        probs: p(hypothesis | shape, touches), ``(K, N)``.
+        log_evidence: log p(touches | shape) up to a constant, ``(K,)``.
+        moved: probability of a move just before the last touch, given each shape and all touches, ``(K,)``.
         felt: place and scores ``(K, N)`` of every touch, oldest first.
-        stayed: log weights before the last touch, its counted scores, ``(K, N)`` each, and what was subtracted from
-            their sum; None where no move is possible.
     """
 
     model: MovingBodyModel
+    probs: Floats
+    log_evidence: Floats
+    moved: Floats
     felt: tuple[tuple[Place, NDArray[Any]], ...] = ()
-    stayed: tuple[Floats, NDArray[Any], float] | None = None
 
     def update(self, touch: Touch) -> MovingEvidence:
         """The evidence with one more touch; where it changes the weight of others, all are gone through again.
 
         Touches count as those of a body at rest (:func:`repeat_shares`).
         """
-        model, first, constant = self.model, self.num_touches, self.constant
+        model, known = self.model, self
         scores = model.scores_of(touch, model.embedding_of(touch))
         place: Place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
-        felt, weights = (*self.felt, (place, frozen(scores))), self.log_weights
+        felt = (*self.felt, (place, scores))
         is_repeat = any(place == where for where, _ in self.felt)
         shares = np.ones(len(felt))
-        if first and (model.drift or (model.correlation and is_repeat)):
-            places = list(dict.fromkeys(where for where, _ in felt))
+        if self.felt and (model.drift or (model.correlation and is_repeat)):
+            places = list(self._counts(felt))
             rows = np.array([[places.index(where) for where, _ in felt]])
-            shares = repeat_shares(rows, model.correlation, model.drift)[0]
-            weights, first, constant = np.zeros_like(weights), 0, 0.0
-        before, counted = weights, scores
-        for step in range(first, len(felt)):
-            before, counted = weights, felt[step][1] if shares[step] == 1.0 else shares[step] * felt[step][1]
-            weights = (model.before_next(weights) if step else weights) + counted
-        log_weights, log_likelihood, largest = relative(weights)
-        in_pose = self.in_pose
-        if model.correlation or model.drift:
-            in_pose = {**in_pose, place: (in_pose.get(place, (0,))[0] + 1, np.zeros(0))}
-        stayed = (before, counted, float(largest)) if len(felt) > 1 and model.kernel is not None else None
-        number, constant = self.num_touches + 1, constant + float(largest)
-        return MovingEvidence(
-            model, log_weights, log_likelihood, number, in_pose, constant=constant, felt=felt, stayed=stayed
-        )
+            shares, known = repeat_shares(rows, model.correlation, model.drift)[0], model.start()
+        probs, log_evidence, moved = known.probs, known.log_evidence, known.moved
+        for step in range(len(known.felt), len(felt)):
+            counted = felt[step][1] if shares[step] == 1.0 else np.float32(shares[step]) * felt[step][1]
+            peaks = counted.max(axis=1, keepdims=True)
+            fits = np.exp(counted - peaks)
+            is_moving = step and model.kernel is not None and model.prob > 0.0
+            before = probs * (1.0 - model.prob) if is_moving else probs
+            joint = before * fits
+            stayed = joint.sum(axis=1)
+            if is_moving and model.kernel is not None:
+                arrived = model.kernel.spread(probs)
+                arrived *= model.prob
+                arrived *= fits
+                joint += arrived
+            np.maximum(joint, _TINY, out=joint)
+            total = joint.sum(axis=1)
+            probs = np.divide(joint, total[:, None], out=joint)
+            log_evidence = log_evidence + peaks[:, 0] + np.log(total)
+            moved = np.clip(1.0 - stayed / total, 0.0, 1.0) if is_moving else np.zeros(len(total))
+        for array in (probs, log_evidence, moved, scores):
+            array.flags.writeable = False  # nobody else holds them
+        return MovingEvidence(model, probs, log_evidence, moved, felt)
+
+    @property
+    def num_touches(self) -> int:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return len(self.felt)
+
+    @property
+    def log_bets(self) -> None:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`; None, as the model has no conflict test."""
+        return None
+
+    @property
+    def log_likelihood(self) -> Floats:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return frozen(self.log_evidence - self.log_evidence.max())
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return self.nominal.outcome_mixture(num_outcomes, num_hypotheses)
 
     @cached_property
-    def moved(self) -> Floats:
-        """Probability of a move just before the last touch, given each shape and all touches, ``(K,)``."""
-        if self.stayed is None:
-            return np.zeros(len(self.log_likelihood))
-        before, counted, largest = self.stayed
-        logs = log_means(before + counted) + np.log1p(-min(self.model.prob, _MOST)) - largest
-        return np.clip(-np.expm1(logs - self.log_likelihood), 0.0, 1.0)
+    def nominal(self) -> RigidBodyEvidence:
+        """The weights of the hypotheses as evidence about a body at rest, which predicts what it would feel like next.
+
+        Its updates know of no move.
+        """
+        model = self.model
+        log_weights, log_likelihood, _ = relative(np.log(self.probs) + self.log_evidence[:, None])
+        is_discounted = model.correlation or model.drift
+        counts = self._counts(self.felt) if is_discounted else {}
+        in_pose = {place: (number, np.zeros(0)) for place, number in counts.items()}
+        return RigidBodyEvidence(model, log_weights, log_likelihood, len(self.felt), in_pose)
+
+    @staticmethod
+    def _counts(felt: tuple[tuple[Place, NDArray[Any]], ...]) -> dict[Place, int]:
+        """Number of touches in each place, in the order of the first ones."""
+        return dict(Counter(place for place, _ in felt))
