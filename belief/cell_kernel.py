@@ -142,4 +142,4 @@ def _logs(weights: Floats, largest: Floats) -> Floats:
 
 def _product(matrix: Any, weights: Floats) -> Floats:
     rows = weights.reshape(-1, weights.shape[-1])
-    return np.ascontiguousarray((matrix @ rows.T).T).reshape(weights.shape)
+    return np.ascontiguousarray((matrix @ rows.T).T).reshape(*weights.shape[:-1], -1)
