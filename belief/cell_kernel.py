@@ -101,32 +101,46 @@ class CellKernel(FrozenArrays):
 
     def spread(self, weights: Floats) -> Floats:
         """Weights ``(..., N)`` after a move."""
-        found = self._of_cells(_product(self._forward, weights))
+        found = self._of_cells(_product(self._forward, self._pooled(weights)))
         return found * self.parts if len(self.wide) else found
 
     def mean(self, log_likelihoods: NDArray[np.floating]) -> Floats:
         """Log mean likelihood of the cells in which one may be instead of each cell, ``(..., N)``."""
         weights, largest = _weights(log_likelihoods)
-        return _logs(self._of_cells(_product(self._back, weights)), largest)
+        weights = weights * self.parts if len(self.wide) else weights
+        return _logs(self._of_cells(_product(self._back, self._pooled(weights))), largest)
+
+    def _pooled(self, weights: Floats) -> Floats:
+        """Sums over the cells of each wide cell, ``(..., M)``."""
+        if not len(self.wide):
+            return weights
+        return np.asarray(np.add.reduceat(np.take(weights, self._order, axis=-1), self._firsts, axis=-1))
 
     def _of_cells(self, found: Floats) -> Floats:
         return np.take(found, self.wide, axis=-1) if len(self.wide) else found
 
     @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        """The cells by their wide cells, ``(N,)``."""
+        return np.argsort(self.wide, kind="stable")
+
+    @cached_property
+    def _firsts(self) -> NDArray[np.int64]:
+        """First cell of each wide cell in that order, ``(M,)``."""
+        return np.searchsorted(self.wide[self._order], np.arange(len(self.shares)))
+
+    @cached_property
     def _forward(self) -> Any:
-        """Sparse ``(M, N)`` that takes probabilities before a move to those of wide cells after it."""
-        return self._matrix(self.joint / self.shares[self.columns], np.ones(len(self.wide)))
+        """Sparse ``(M, M)`` that takes probabilities before a move to those after it."""
+        return self._matrix(self.joint / self.shares[self.columns])
 
     @cached_property
     def _back(self) -> Any:
-        """Sparse ``(M, N)`` that takes likelihoods after a move to those of wide cells before it."""
-        return self._matrix(self.joint / np.repeat(self.shares, np.diff(self.starts)), self.parts)
+        """Its transpose, which takes likelihoods after a move to those before it."""
+        return self._matrix(self.joint / np.repeat(self.shares, np.diff(self.starts)))
 
-    def _matrix(self, entries: Floats, parts: Floats) -> Any:
-        number, cells = len(self.shares), np.arange(len(self.wide))
-        found = scipy.sparse.csr_array((entries, self.columns, self.starts), shape=(number, number))
-        pool = scipy.sparse.csr_array((parts, (self.wide, cells)), shape=(number, len(cells)))
-        return found @ pool if len(cells) else found
+    def _matrix(self, entries: Floats) -> Any:
+        return scipy.sparse.csr_array((entries, self.columns, self.starts), shape=2 * (len(self.shares),))
 
 
 def _weights(logs: NDArray[np.floating]) -> tuple[Floats, Floats]:
