@@ -109,7 +109,7 @@ class TouchWorld:
     def press(self, pose: Name, rng: np.random.Generator) -> tuple[NDArray[np.uint8], TouchTime]:
         """The image of the current object pressed in a pose, and the time of the press.
 
-        In a scene whose objects move, it may have moved since its last touch.
+        In a scene whose objects move, it may have moved since its last touch, and a grasp may turn it.
 
         Args:
             pose: label or index of the pose.
@@ -120,9 +120,11 @@ class TouchWorld:
         """
         started = time.perf_counter()
         scene = self._sensor.scene
-        if scene.moves is not None:
+        if scene.moves is not None and scene.hand is None:
             self._moved = self.current if self._moved is None else scene.moves.after(self._moved, rng)
         pressed = scene.press(self.current, pose, rng)
+        if scene.moves is not None and pressed.left is not None:
+            self._moved = replace(self.current, orientation=pressed.left)
         return pressed.image, TouchTime(time.perf_counter() - started, 0.0, pressed.num_unsettled)
 
     def touch(self, pose: Name, rng: np.random.Generator) -> Touch:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, TactileSensor, TouchWorld
-from activetouch.distributions import Uniform, quaternions
+from activetouch.distributions import Constant, Uniform, quaternions
 from activetouch.errors import SceneShift, WrongScene
 from activetouch.orientations import Inexact, Moves
 from activetouch.perception.contacts.hypotheses import cell_of
@@ -85,10 +85,52 @@ def test_a_shifted_object_meets_the_pad_beside_the_middle_and_turns_with_its_pos
 
 
 def test_a_hand_that_holds_an_object_lets_none_move():
-    with pytest.raises(InvalidArgument, match="without a hand"):
+    with pytest.raises(InvalidArgument, match=r"Closing\(\)"):
         replace(COARSE.with_hand("parallel"), moves=Moves())
     with pytest.raises(InvalidArgument, match="Moves"):
         replace(COARSE, moves=0.2)
+
+
+def test_a_hand_that_lets_no_object_turn_leaves_it_as_it_lay():
+    scene, rng = COARSE.with_hand("parallel"), np.random.default_rng(0)
+    obj = scene.sample_object("cube", rng)
+    for pose in ("front", "z45", "corner"):
+        found = scene.press(obj, pose, rng)
+        assert angles(found.left, obj.orientation) < 1e-6
+    assert COARSE.press(obj, "front", rng).left is None
+
+
+@pytest.mark.mujoco
+def test_an_object_lies_as_a_grasp_leaves_it():
+    from activetouch.pressing.closing import Closing
+
+    scene = replace(COARSE.with_hand("parallel", Closing()), moves=Moves(0.3, 0.2))
+    slippery = replace(scene, variation=replace(scene.variation, friction=Constant(0.3)))
+    world = TouchWorld.sample(SimpleNamespace(scene=slippery), ["cone"], np.random.default_rng(3))
+    first = world.current
+    turned = []
+    for seed in range(4):
+        before = world.current
+        world.press("z45", np.random.default_rng(seed))
+        turned.append(angles(world.current.orientation, before.orientation))
+        assert world.current.offset is None
+    assert max(turned) > np.deg2rad(5.0)
+    found = slippery.press(first, "z45", np.random.default_rng(1))
+    rng = np.random.default_rng(1)
+    in_palm, depth = slippery.place_in_palm(first, "z45", rng)
+    met, hand = slippery.hand.placements(in_palm, depth), slippery.hand
+    forces = (hand.forces * slippery.variation.force.sample(rng)).tolist()
+    centre = np.array([depth, *in_palm.offset])
+    after = slippery.press_model.close(slippery.pad, met, hand.rotations, centre, forces).met
+    seen = slippery.place_in_palm(replace(first, orientation=found.left), "z45", np.random.default_rng(1))
+    wanted = hand.placements(*seen)
+    for one, other in zip(after, wanted, strict=True):
+        assert angles(one.orientation, other.orientation) < 1e-6
+    world.reset()
+    assert world.current is first
+    still = TouchWorld.sample(SimpleNamespace(scene=replace(slippery, moves=None)), ["cone"], np.random.default_rng(3))
+    still.press("z45", np.random.default_rng(0))
+    np.testing.assert_array_equal(still.current.orientation, first.orientation)
 
 
 @pytest.mark.parametrize(("degrees", "number"), [(15.0, 2048), (25.0, 2048), (15.0, 4096), (5.0, 1024)])
