@@ -126,7 +126,7 @@ def draw_search(
             top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
             top.set(xticks=[], yticks=[])
             prob = moved_before(following.step) if following.step.object_index == frame.step.object_index else 0.0
-            moved = f", has moved: {prob:.2f}" if prob >= _MOVED else ""
+            moved = f"\nhas moved: {prob:.2f}" if prob >= _MOVED else ""
             title = f"object {frame.step.object_index + 1} ({body_words(labels, frame.shape)})\npose {pose}{moved}"
             top.set_title(title)
             _bars(bottom, frame, episode, problem)
