@@ -27,6 +27,7 @@ from activetouch.sensor_files import (
     FittedModel,
     doubting_file,
     files_for,
+    is_farther_off,
     is_of_objects,
     require_model,
 )
@@ -187,7 +188,9 @@ class TactileSensor:
     @staticmethod
     def _model(reader: TactileReader, scene: Scene, fitted: FittedModel | None, unknown_state: bool) -> ArrayModel:
         """The observation model of a reader in a scene; one that is not in a file is made, and kept in the cache."""
-        if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
+        is_other = fitted is not None and reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)
+        is_joint = fitted is not None and fitted.model.reads == "embeddings"
+        if fitted is None or is_other or (is_joint and is_farther_off(fitted.scene, scene)):
             from activetouch.perception.preparation import prepared  # sensors of known objects do not need it
 
             model: ArrayModel = prepared(reader, scene)

@@ -16,10 +16,19 @@ from activetouch.perception.moving import moving_model, turning_kernel, turns
 from activetouch.poses import WorldObject, hamilton_product
 from activetouch.pressing.contact import Quasistatic
 from activetouch.scene_description import scene_fields
+from activetouch.sensor_files import (
+    ANY_OBJECT_FILE,
+    MODELS,
+    READER_FILE,
+    fitted_model,
+    is_farther_off,
+    reader_file,
+)
 from belief.errors import InvalidArgument
 from belief.observation_model.moving_body import MovingBodyModel
 from experiments.scene_choice import SceneChoice, choice_name
 
+WIDE = Uniform(-0.005, 0.005)
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
 
 
@@ -206,3 +215,19 @@ def test_options_of_a_scene_are_left_out_where_they_have_no_effect():
     assert len({choice_name(each) for each in (plain, moving, missed)}) == 3
     with pytest.raises(InvalidArgument, match="tumbled"):
         _ = SceneChoice("coarse", presentation="upright", pose_error=20.0).named
+
+
+@pytest.mark.torch
+def test_a_sensor_is_fitted_to_presses_that_are_farther_beside_the_middle():
+    coarse, keyed = (SCENES[name].scene for name in ("coarse", "keyed"))
+    coarse_off, keyed_off = (replace(each, variation=replace(each.variation, offset=WIDE)) for each in (coarse, keyed))
+    own = fitted_model(MODELS / "keyed").scene
+    assert not is_farther_off(own, keyed)
+    assert is_farther_off(own, keyed_off)
+    assert not is_farther_off(None, keyed)
+    assert reader_file(MODELS / "coarse", coarse).name == READER_FILE
+    assert reader_file(MODELS / "coarse", coarse_off).name == ANY_OBJECT_FILE
+    independent = SCENES["paper"].scene
+    farthest = replace(independent, variation=replace(independent.variation, offset=WIDE))
+    with pytest.warns(SceneShift, match="offset"):
+        assert TactileSensor.shipped("paper-independent", farthest).model.reads != "embeddings"
