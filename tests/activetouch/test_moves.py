@@ -231,3 +231,19 @@ def test_a_sensor_is_fitted_to_presses_that_are_farther_beside_the_middle():
     farthest = replace(independent, variation=replace(independent.variation, offset=WIDE))
     with pytest.warns(SceneShift, match="offset"):
         assert TactileSensor.shipped("paper-independent", farthest).model.reads != "embeddings"
+
+
+@pytest.mark.torch
+def test_how_an_object_lies_is_how_it_lies_after_its_moves():
+    scene = replace(SCENES["coarse"].scene, press_model=Quasistatic(), moves=Moves(0.3, np.deg2rad(15.0), 0.0))
+    sensor = TactileSensor.shipped("coarse", scene, anyway=True)
+    rng = np.random.default_rng(2)
+    obj = scene.sample_object("cone", rng)
+    poses = [0, 3, 1, 4]
+    images = np.stack([scene.press(obj, pose, rng).image for pose in poses])
+    evidence = sensor.model.start()
+    for touch in sensor.read(images, poses):
+        evidence = evidence.update(touch)
+    found = sensor.pose("cone", images, poses)
+    np.testing.assert_allclose(found.probs, evidence.probs[sensor.shape_labels.index("cone")], atol=1e-9)
+    assert found.error(obj.orientation) < 40.0  # cells alone, not the images of all touches together
