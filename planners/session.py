@@ -134,6 +134,7 @@ class Session:
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
         self._progress = SearchProgress(problem, model, target=self.target, log_bets=log_bets)
         self.problem, self.model = self._progress.problem, model
+        self._may_move = getattr(model, "moves", None) is not None
         self.decider, self._log_bets = decider, log_bets
         self._listener = Listener(self.problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None
@@ -160,7 +161,7 @@ class Session:
         if self._asked is None and progress.outcome is None:
             info = InformationState.of(self.problem, self.target, progress.scene, progress.object_index)
             decision = checked_decision(self.decider.decide(info, self._rng), self.decider, self.problem)
-            if moved := self.prob_moved:
+            if self._may_move and (moved := self.prob_moved):
                 decision = replace(decision, scores={**decision.scores, MOVED: moved})
             if isinstance(decision.action, Probe) and not progress.may_touch:
                 self._steps.append(Step(progress.object_index, info.belief, decision, None))

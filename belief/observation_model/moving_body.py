@@ -63,6 +63,7 @@ class MovingBodyModel(RigidBodyModel):
     """
 
     name: ClassVar[str] = "moving rigid body"
+    moves: ClassVar[bool] = True
     prob: Probability = field(kw_only=True)
     kernel: CellKernel | None = field(kw_only=True)
     error: CellKernel | None = field(kw_only=True)
