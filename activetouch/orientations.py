@@ -6,15 +6,15 @@ when a pose is asked for. ``Tumbled`` is the default; ``Resampled`` is how the p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import quaternions
-from activetouch.poses import Quaternion, multiply, random_orientation, turn
-from belief.constraints import Checked, Within
+from activetouch.poses import Quaternion, WorldObject, multiply, random_orientation, turn
+from belief.constraints import Checked, NotNegative, Probability, Within
 
 _ANGLE = Within(0.0, np.pi, unit=" rad")
 
@@ -69,8 +69,7 @@ class Inexact(Checked, LyingAnyhow):
 
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
-        small = np.array([1.0, *rng.normal(0.0, self.error / 2, 3)])
-        return multiply(small / np.linalg.norm(small), multiply(pose, rest))
+        return multiply(small_turn(self.error, rng), multiply(pose, rest))
 
 
 @dataclass(frozen=True)
@@ -105,3 +104,37 @@ class Resampled(LyingAnyhow):
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
         return random_orientation(rng)
+
+
+@dataclass(frozen=True)
+class Moves(Checked):
+    """How an object moves between two touches, as one that slips or rolls when it is pressed.
+
+    Attributes:
+        prob: probability of a move before each touch but the first.
+        angle: standard deviation of the turn about each axis [rad].
+        shift: the centre then lies up to so far from its place along each axis, in the object's frame [m].
+    """
+
+    prob: Probability = 0.2
+    angle: Annotated[float, _ANGLE] = np.deg2rad(15.0)
+    shift: NotNegative = 0.005
+
+    def after(self, obj: WorldObject, rng: np.random.Generator) -> WorldObject:
+        """The object before its next touch: as it was, or turned and shifted.
+
+        >>> always = Moves(prob=1.0, shift=0.0)
+        >>> resting = WorldObject(0, 1.0, np.array([1.0, 0.0, 0.0, 0.0]))
+        >>> always.after(resting, np.random.default_rng(0)).orientation.round(2).tolist()
+        [1.0, -0.02, 0.08, 0.01]
+        """
+        if rng.random() >= self.prob:
+            return obj
+        turned = multiply(small_turn(self.angle, rng), obj.orientation)
+        return replace(obj, orientation=turned, offset=rng.uniform(-self.shift, self.shift, 3))
+
+
+def small_turn(error: float, rng: np.random.Generator) -> Quaternion:
+    """A random rotation with a standard deviation about each axis [rad], unit quaternion ``wxyz``."""
+    small = np.array([1.0, *rng.normal(0.0, error / 2, 3)])
+    return small / np.linalg.norm(small)

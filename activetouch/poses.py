@@ -177,8 +177,8 @@ class WorldObject:
         stiffness: stiffness of its skin together with the pad's layer, relative to the layer's alone.
         member: its solid at nominal size, where its shape is a family; None for any other shape, and for the nominal
             solid of a family.
-        offset: displacement of its centre from the middle of the palm before a pose turns it, ``(3,)`` [m], if a hand
-            keeps it.
+        offset: displacement of its centre from its place, or from the middle of the palm, before a pose turns it,
+            ``(3,)`` [m], if a hand keeps it or it has moved.
     """
 
     shape_index: int

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Bodies, Variation, member_shares, sizes
 from activetouch.errors import BadMesh, UnstablePress, WrongScene
-from activetouch.orientations import Presentation, Tumbled
+from activetouch.orientations import Moves, Presentation, Tumbled
 from activetouch.poses import (
     POSE_SETS,
     POSES,
@@ -33,6 +33,7 @@ from activetouch.poses import (
     Quaternion,
     WorldObject,
     checked_aims,
+    multiply,
     require_unit,
     to_matrix,
 )
@@ -86,6 +87,8 @@ class Scene:
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
+        moves: how objects move between touches; None for objects that stay. Where fingers close on an object that is
+            free to turn, it lies as a grasp leaves it, and this is what the belief expects.
     """
 
     shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
@@ -98,6 +101,7 @@ class Scene:
     presentation: Presentation = field(default_factory=Tumbled)
     aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     hand: Hand | None = None
+    moves: Moves | None = None
 
     def __post_init__(self) -> None:
         if not self.shapes or not self.poses:
@@ -139,6 +143,12 @@ class Scene:
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
+        is_held = self.hand is not None and not getattr(self.press_model, "turns", False)
+        if self.moves is not None and (is_held or not isinstance(self.moves, Moves)):
+            raise InvalidArgument(
+                f"moves must be Moves(), and a hand must close by Closing(), in which objects turn; got {self.moves!r} "
+                f"and {self.press_model!r}"
+            )
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
@@ -327,6 +337,8 @@ class Scene:
         offset = self.variation.sample_offset(rng)
         if label in self.aims:
             offset += self.aims[label]
+        if obj.offset is not None and self.hand is None:
+            offset += (to_matrix(self.rotations[label]) @ obj.offset)[1:]
         shown = self.presentation.shown(obj.orientation, self.rotations[label], rng)
         solid = self.solids[self.shape_labels[obj.shape_index]] if obj.member is None else obj.member
         return Placement(solid, obj.scale, shown, offset, obj.friction, obj.stiffness)
@@ -392,7 +404,11 @@ class Scene:
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
         stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)
         image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
-        return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts)
+        held, undone = np.array(hand.fingers[0]), np.array([1.0, -1.0, -1.0, -1.0])
+        turned = multiply(multiply(held, found.met[0].orientation), multiply(held, met[0].orientation) * undone)
+        rotation = self.rotations[self.pose_labels[index_of("pose", self.pose_labels, pose)]]
+        left = multiply(rotation * undone, multiply(turned, multiply(rotation, obj.orientation)))
+        return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts, left)
 
     def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
         """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""

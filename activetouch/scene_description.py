@@ -1,9 +1,9 @@
 """Scenes as JSON fields, and differences between scenes.
 
 Checkpoints, observation models, collections and touch banks contain the fields of their scene. A difference in press,
-faults, variation, presentation or the proportions of a family is a *known shift* of the same sensor: a sensor that was
-made for the nominal solid may be used for the family, with a warning, to measure what that costs. Other differences
-need another sensor.
+faults, variation, presentation, moves or the proportions of a family is a *known shift* of the same sensor: a sensor
+that was made for the nominal solid may be used for the family, with a warning, to measure what that costs. Other
+differences need another sensor.
 
     >>> from activetouch import SCENES
     >>> gel, coarse = (scene_fields(SCENES[name].scene) for name in ("gel", "coarse"))
@@ -31,7 +31,7 @@ from belief.files import source_digest
 if TYPE_CHECKING:
     from activetouch.scene import Scene
 
-SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "families"})
+SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "families", "moves"})
 """Fields of a scene whose change is a known shift of the same sensor."""
 OBJECTS = ("shapes", "families", "poses", "aims", "presentation", "hand")
 """Fields of a scene that are about its objects and how they are met, not about its sensor."""
@@ -65,9 +65,10 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
     Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class has the digest of its source
     code, so that an edited renderer makes another scene; an object with its own ``__repr__``, unless a dataclass, is
     described by that text alone. A family is described by its nominal solid among the shapes, and by the distributions
-    of its parameters in ``families``. Aims, hand and families have no field in scenes without them.
+    of its parameters in ``families``. Aims, hand, moves and families have no field in scenes without them.
     """
-    names = [field.name for field in fields(scene) if field.name not in ("aims", "hand") or getattr(scene, field.name)]
+    named = [field.name for field in fields(scene)]
+    names = [name for name in named if name not in ("aims", "hand", "moves") or getattr(scene, name)]
     found = {name: described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
     families = getattr(scene, "families", {})
     parts = {f"{label}.{name}": given for label, family in families.items() for name, given in family.parameters}

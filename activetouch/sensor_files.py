@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
 from activetouch.perception.card import read_card
 from activetouch.perception.imaging import Imaging, differs_from_training, fields_read
@@ -165,6 +167,13 @@ def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:
     here, own = scene_fields(scene), model_scene or {}
     sizes = [fields.get("variation", {}).get("size") for fields in (own, here)]
     return all(own.get(name) == here.get(name) for name in OBJECTS) and sizes[0] == sizes[1]
+
+
+def is_farther_off(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:
+    """Whether objects are pressed farther beside the middle than those that an observation model was fitted to."""
+    own = (model_scene or {}).get("variation", {}).get("offset", {})
+    ends = [abs(end) for end in own.values() if isinstance(end, float)]
+    return bool(ends) and max(np.abs(scene.variation.offset.support)) > max(ends) * (1 + 1e-9)
 
 
 def require_model(model: ArrayModel, scene: Scene) -> None:

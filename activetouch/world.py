@@ -67,6 +67,7 @@ class TouchWorld:
         self._sensor = sensor
         self._objects = tuple(objects)
         self._current = 0
+        self._moved: WorldObject | None = None  # the current object as it lies since its last touch
 
     @classmethod
     def sample(cls, sensor: Presses, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
@@ -103,20 +104,27 @@ class TouchWorld:
     @property
     def current(self) -> WorldObject:
         """The object in front of the pad."""
-        return self._objects[self._current]
+        return self._moved or self._objects[self._current]
 
     def press(self, pose: Name, rng: np.random.Generator) -> tuple[NDArray[np.uint8], TouchTime]:
         """The image of the current object pressed in a pose, and the time of the press.
 
+        In a scene whose objects move, it may have moved since its last touch, and a grasp may turn it.
+
         Args:
             pose: label or index of the pose.
-            rng: generator for the offset, the force and the sensor's faults.
+            rng: generator for the move, the offset, the force and the sensor's faults.
 
         Raises:
             UnstablePress: none of :data:`activetouch.scene.MOST_ATTEMPTS` presses settled.
         """
         started = time.perf_counter()
-        pressed = self._sensor.scene.press(self.current, pose, rng)
+        scene = self._sensor.scene
+        if scene.moves is not None and scene.hand is None:
+            self._moved = self.current if self._moved is None else scene.moves.after(self._moved, rng)
+        pressed = scene.press(self.current, pose, rng)
+        if scene.moves is not None and pressed.left is not None:
+            self._moved = replace(self.current, orientation=pressed.left)
         return pressed.image, TouchTime(time.perf_counter() - started, 0.0, pressed.num_unsettled)
 
     def touch(self, pose: Name, rng: np.random.Generator) -> Touch:
@@ -127,11 +135,11 @@ class TouchWorld:
         """Put the current object aside and bring the next."""
         if self._current + 1 == len(self._objects):
             raise IndexError(f"there is no object after the last of {len(self._objects)}")
-        self._current += 1
+        self._current, self._moved = self._current + 1, None
 
     def reset(self) -> None:
         """Bring the first object."""
-        self._current = 0
+        self._current, self._moved = 0, None
 
 
 def _object_of(scene: Scene, shape: Name, rng: np.random.Generator) -> WorldObject:

@@ -30,11 +30,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.cell_kernel import CellKernel
 from belief.errors import ImpossibleObservation
 from belief.frozen import FrozenArrays
 from belief.validation import Floats, require_count, require_number
 
 Ints = NDArray[np.int64]
+_MOST = 1.0 - 1e-12  # probability of a move
+_LEAST = np.finfo(np.float64).min
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +141,11 @@ class CoarseToFine:
     After n touches that are no repeats (``num_new``), sums of log likelihoods are multiplied by
     scale / (1 + drift (n - 1)). ``log_prior (K,)`` is of the bodies; ``correction (K,)`` holds log factors on their
     evidence, from a closer look at some of them.
+
+    Where ``moves`` is a kernel of the coarsest cells and a probability, the hidden place may change so between two
+    touches; within its coarsest cell, it is then anywhere. ``arrived`` has, for each touch, the log weight that has
+    moved to each coarsest cell just before it, ``(K, N_0)``, ``-inf`` before the first; ``moved (K,)`` is the
+    probability of a move just before the last touch given each body, by the cells in memory at that time.
     """
 
     log_prior: Floats
@@ -150,6 +158,9 @@ class CoarseToFine:
     num_new: float
     correction: Floats
     _families: tuple[_Families, ...] = field(repr=False)  # of each level
+    moves: tuple[CellKernel, float] | None = None
+    arrived: tuple[Floats, ...] = ()
+    moved: Floats | None = None
 
     @classmethod
     def start(
@@ -160,6 +171,7 @@ class CoarseToFine:
         effort: Effort | None = None,
         scale: float = 1.0,
         drift: float = 0.0,
+        moves: tuple[CellKernel, float] | None = None,
     ) -> CoarseToFine:
         """The belief before the first touch."""
         prior = np.array(log_prior, float, ndmin=1)
@@ -169,6 +181,10 @@ class CoarseToFine:
             )
         require_number("scale", scale, 0.0, 1e6)
         require_number("drift", drift, 0.0, 1.0)
+        if moves is not None:
+            require_number("the probability of a move", moves[1], 0.0, 1.0)
+            if drift or moves[0].num_cells != len(cells.shares[0]):
+                raise ValueError("moves must be a kernel of the coarsest cells, and the drift 0")
         prior = prior - _log_sum(prior)
         bodies = np.arange(len(prior))
         coarsest = _Families(bodies, 0 * bodies, *np.zeros((2, len(prior), len(cells.shares[0]))))
@@ -177,7 +193,8 @@ class CoarseToFine:
             for coarse, fine in pairwise(cells.shares)
         )
         effort = Effort() if effort is None else effort
-        return cls(prior, cells, likelihood, effort, scale, drift, (), 0.0, np.zeros(len(prior)), (coarsest, *finer))
+        given = (prior, cells, likelihood, effort, scale, drift, (), 0.0, np.zeros(len(prior)), (coarsest, *finer))
+        return cls(*given, moves)
 
     def update(self, touch: Any, num_new: float | None = None) -> CoarseToFine:
         """The belief after one more touch, refined as far as the effort says.
@@ -187,12 +204,18 @@ class CoarseToFine:
         coarsest, *finer = self._families
         found = [_checked(self.likelihood.coarsest(touch), coarsest.sums.shape)]
         found += [self._parts((touch,), level, each.body, each.parent) for level, each in enumerate(finer, 1)]
-        pairs = zip(self._families, found, strict=True)
-        touches, families = (*self.touches, touch), tuple(each._replace(sums=each.sums + new) for each, new in pairs)
         number = self.num_new + 1.0 if num_new is None else num_new
-        belief = replace(self, touches=touches, num_new=number, _families=families)
+        belief = self if self.moves is None else self._moved_on()
+        families = [each._replace(sums=each.sums + new) for each, new in zip(belief._families, found, strict=True)]
+        belief = replace(belief, touches=(*self.touches, touch), num_new=number, _families=tuple(families))
+        if self.moves is not None and self.touches:
+            stayed = [own._replace(sums=each.sums) for own, each in zip(self._families, families, strict=True)]
+            rested = replace(self, _families=tuple(stayed))._log_bodies + np.log1p(-min(self.moves[1], _MOST))
+            belief = replace(belief, moved=np.clip(-np.expm1(rested - belief._log_bodies), 0.0, 1.0))
         if not np.isfinite(belief._log_total):
-            raise ImpossibleObservation(f"no body explains touch number {len(touches)} together with those before it")
+            raise ImpossibleObservation(
+                f"no body explains touch number {len(self.touches) + 1} together with those before it"
+            )
         return belief._less()._refined()
 
     def corrected(self, bodies: Ints, log_evidence: Floats) -> CoarseToFine:
@@ -249,6 +272,32 @@ class CoarseToFine:
             rows = rows[weights.ravel()[rows] > -np.inf]
             found.append((np.full(len(rows), level), *family.places(rows), weights.ravel()[rows]))
         return Leaves(*(np.concatenate(part) for part in zip(*found, strict=True)))
+
+    def _moved_on(self) -> CoarseToFine:
+        """The belief just before the next touch, where the hidden place may have moved."""
+        assert self.moves is not None, "asked before"
+        kernel, prob = self.moves
+        if not self.touches or not prob:
+            return replace(self, arrived=(*self.arrived, np.full(self._coarsest_weights.shape, -np.inf)))
+        held = self._leaf_weights[0].copy()
+        if self._rows:
+            held.ravel()[self._rows[0]] = self._masses[0]
+        arrived = kernel.moved(held, 1.0) + np.log(prob)
+        families = []
+        for level, (each, weights) in enumerate(zip(self._families, self._weights, strict=True)):
+            mixed, more = self._mixed(weights, arrived, level, each.body, each.parent), each.offsets.copy()
+            np.add(more, mixed - np.maximum(weights, _LEAST), out=more, where=np.isfinite(weights))
+            families.append(each._replace(offsets=more))
+        return replace(self, arrived=(*self.arrived, arrived), _families=tuple(families))
+
+    def _mixed(self, weights: Floats, arrived: Floats, level: int, bodies: Ints, parents: Ints) -> Floats:
+        """Log weights of the parts of some cells, ``(m, F)``, after a move to the coarsest cells."""
+        assert self.moves is not None, "asked before"
+        cells = np.arange(weights.shape[1]) + parents[:, None] * weights.shape[1]
+        coarse = cells // (len(self.cells.shares[level]) // len(self.cells.shares[0]))
+        parts = self.cells.log_shares[level][cells] - self.cells.log_shares[0][coarse]
+        stayed = weights + np.log1p(-min(self.moves[1], _MOST))
+        return np.asarray(np.logaddexp(stayed, arrived[bodies[:, None], coarse] + parts))
 
     @property
     def log_of_bodies(self) -> Floats:
@@ -379,11 +428,24 @@ class CoarseToFine:
         for level, rows in enumerate(chosen, 1):
             if len(rows):
                 body, parent = self._families[level - 1].places(rows)
-                sums = self._parts(self.touches, level, body, parent)
-                families[level] = families[level].joined(_Families(body, parent, sums, np.zeros(sums.shape)))
+                sums, offsets = self._weighed(level, body, parent)
+                families[level] = families[level].joined(_Families(body, parent, sums, offsets))
         found = replace(self, _families=tuple(families))
         vars(found).update(_coarsest_weights=self._coarsest_weights, _coarsest_sums=self._coarsest_sums)
         return found
+
+    def _weighed(self, level: int, body: Ints, parent: Ints) -> tuple[Floats, Floats]:
+        """Sums and offsets of the parts of some cells after all touches, ``(m, F)`` each."""
+        if self.moves is None:
+            sums = self._parts(self.touches, level, body, parent)
+            return sums, np.zeros(sums.shape)
+        start = self.cells.log_shares[level][self.cells.parts(level, parent)] + self.log_prior[body][:, None]
+        weights = start
+        for number, (touch, arrived) in enumerate(zip(self.touches, self.arrived, strict=True)):
+            weights = self._mixed(weights, arrived, level, body, parent) if number else weights
+            weights = weights + self.scale * self._parts((touch,), level, body, parent)
+        found = np.where(np.isfinite(weights), weights - start, -np.inf)
+        return np.zeros(found.shape), found
 
     def _parts(self, touches: Sequence[Any], level: int, bodies: Ints, parents: Ints) -> Floats:
         shape = len(bodies), len(self.cells.shares[level]) // len(self.cells.shares[level - 1])

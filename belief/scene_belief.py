@@ -107,6 +107,14 @@ class ReadableScene:
         unlisted = self._places.unlisted
         return Belief.of_normalised(self.labels, row, 0.0 if unlisted is None else float(unlisted[object_index]))
 
+    def prob_moved(self, object_index: int) -> float:
+        """Probability that an object moved just before its last touch; 0.0 for models of objects that stay."""
+        moved = getattr(self._evidence[self._object(object_index)], "moved", None)
+        if moved is None:
+            return 0.0
+        weights = np.exp(self._log_marginals[object_index])
+        return float(weights @ moved / weights.sum())
+
     def prob_present(self, target: Name) -> float:
         """Probability that an object has the target shape."""
         target = self._shape(target)

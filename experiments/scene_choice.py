@@ -16,18 +16,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
+import numpy as np
 import tyro
 
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.named_scenes import SCENES, NamedScene, as_named
-from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
+from activetouch.orientations import Inexact, Moves, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.contact import Press
 from activetouch.pressing.dynamic import GuardedMove
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
-from belief.codec import from_fields, to_fields
+from belief.codec import OPTIONAL, from_fields, to_fields
+from belief.constraints import Within
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
@@ -52,6 +54,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 HandName: TypeAlias = Literal["one_finger", "parallel", "three_finger", "allegro"]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
+_DEGREES, _MILLIMETRES = Within(0.0, 90.0), Within(0.0, 100.0)
 _LONGEST_NAME = 150  # of a folder [bytes]; longer ones end in a digest
 _FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
@@ -101,7 +104,9 @@ def choice_name(choice: SceneChoice) -> str:
         from activetouch.mesh_source import labelled_sources
 
         meshes = labelled_sources(*choice.meshes)[0]
-    changes = [*own, *meshes, *choice.family, choice.hand]
+    turns = (f"moves-{choice.moves:g}-{choice.moves_turn:g}-{choice.moves_shift:g}",) if choice.moves else ()
+    missed = [f"{what}-{by:g}" for what, by in (("error", choice.pose_error), ("off", choice.off)) if by is not None]
+    changes = [*own, *meshes, *choice.family, choice.hand, *turns, *missed]
     name = in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
     if len(name.encode()) <= _LONGEST_NAME:
         return name
@@ -183,6 +188,16 @@ class SceneChoice:
     """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
     hand: Annotated[HandName | None, one_of(get_args(HandName))] = None
     """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
+    moves: Annotated[float, Within(0.0, 1.0), OPTIONAL] = 0.0
+    """Probability that an object turns and shifts between two touches, such as 0.2."""
+    moves_turn: Annotated[float, _DEGREES, OPTIONAL] = 15.0
+    """How it turns when it moves: one standard deviation about each axis [degrees]."""
+    moves_shift: Annotated[float, _MILLIMETRES, OPTIONAL] = 5.0
+    """How far its centre then is from its place at most, along each axis [mm]."""
+    pose_error: Annotated[float | None, _DEGREES, OPTIONAL] = None
+    """Deviation about each axis by which every touch misses its pose [degrees]."""
+    off: Annotated[float | None, _MILLIMETRES, OPTIONAL] = None
+    """Largest distance of an object's centre from the approach axis, along each axis, in every touch [mm]."""
     full: bool = False
     """Also simulate what changes no touch: a finger behind the pad, and the other objects, parked on their guides."""
     robot: Literal["panda_allegro"] | None = None
@@ -245,6 +260,15 @@ class SceneChoice:
                 from activetouch.pressing.closing import Closing  # loads MuJoCo
 
                 changes["press_model"] = Closing()
+        if self.pose_error is not None:
+            if self.presentation not in (None, "tumbled", "inexact"):
+                raise InvalidArgument(f"--pose-error is of tumbled objects, not of --presentation {self.presentation}")
+            changes["presentation"] = Inexact(float(np.deg2rad(self.pose_error)))
+        if self.off is not None:
+            variation = changes.get("variation", named.scene.variation)
+            changes["variation"] = replace(variation, offset=Uniform(-1e-3 * self.off, 1e-3 * self.off))
+        if self.moves:
+            changes["moves"] = Moves(self.moves, float(np.deg2rad(self.moves_turn)), 1e-3 * self.moves_shift)
         scene = replace(named.scene, **changes)
         if (self.robot is None) is not (self.menagerie is None):
             raise InvalidArgument("--robot panda_allegro and --menagerie FOLDER, which has its models, go together")

@@ -17,6 +17,10 @@ ACTION_NAMES: Mapping[type[Action], str] = {Confirm: "confirm", Reject: "reject"
 """Names of the actions that are not probes, in records and figures."""
 ACTIONS: Mapping[str, Action] = {"confirm": Confirm(), "reject": Reject(), "unsure": Unsure()}
 
+MOVED = "moved"
+"""Score of a decision: the probability that the object moved just before its last touch."""
+_LIKELY = 0.5  # probability of a move that is told
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
@@ -74,7 +78,14 @@ class Episode:
             end = ACTION_NAMES.get(type(steps[-1].decision.action), "probe beyond the touch limit")
             names = {UNKNOWN: "of unknown shape", UNLISTED: NONE_OF_THESE}
             name = names.get(shape) or f"a {labels[shape]}"
-            lines.append(f"  object {number + 1}, {name}: poses {poses}, p({labels[self.target]}) {probs}: {end}")
+            moved = "".join(
+                f", has moved before touch {touch} ({prob:.2f})"
+                for touch, prob in ((touch, moved_before(step)) for touch, step in enumerate(steps))
+                if prob >= _LIKELY
+            )
+            lines.append(
+                f"  object {number + 1}, {name}: poses {poses}, p({labels[self.target]}) {probs}{moved}: {end}"
+            )
         return "\n".join(lines)
 
     @property
@@ -133,6 +144,11 @@ class Episode:
             tuple(_step_from_dict(step, shape_labels) for step in fields["steps"]),
             Outcome(fields["outcome"]),
         )
+
+
+def moved_before(step: Step) -> float:
+    """Probability, as of a decision, that the object moved just before the touch before it; 0.0 if it is not known."""
+    return float(step.decision.scores.get(MOVED, 0.0))
 
 
 def judged(episodes: Iterable[Episode]) -> list[Episode]:

@@ -39,7 +39,7 @@ from belief.scene_belief import SceneView
 from belief.search_progress import Outcome, SearchProgress
 from belief.seeding import checked_key, deciding_rng
 from planners.decider import Decider, Decision, InformationState, checked_decision
-from planners.episode import Episode, Step
+from planners.episode import MOVED, Episode, Step
 from planners.session_log import (
     SCHEMA,
     ImageReader,
@@ -134,6 +134,7 @@ class Session:
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
         self._progress = SearchProgress(problem, model, target=self.target, log_bets=log_bets)
         self.problem, self.model = self._progress.problem, model
+        self._may_move = getattr(model, "moves", None) is not None
         self.decider, self._log_bets = decider, log_bets
         self._listener = Listener(self.problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None
@@ -160,6 +161,8 @@ class Session:
         if self._asked is None and progress.outcome is None:
             info = InformationState.of(self.problem, self.target, progress.scene, progress.object_index)
             decision = checked_decision(self.decider.decide(info, self._rng), self.decider, self.problem)
+            if self._may_move and (moved := self.prob_moved):
+                decision = replace(decision, scores={**decision.scores, MOVED: moved})
             if isinstance(decision.action, Probe) and not progress.may_touch:
                 self._steps.append(Step(progress.object_index, info.belief, decision, None))
                 progress.act(decision.action)
@@ -274,6 +277,11 @@ class Session:
     def belief(self) -> Belief:
         """Posterior about the current object."""
         return self._progress.scene.belief(self.object_index)
+
+    @property
+    def prob_moved(self) -> float:
+        """Probability that the current object moved just before its last touch; 0.0 where objects stay."""
+        return self._progress.scene.prob_moved(self.object_index)
 
     def pose(self, shape: Name | None = None, object_index: int | None = None) -> Any:
         """How an object lies, by all that was felt of it (for a tactile sensor, ``activetouch.PoseBelief``).
@@ -403,7 +411,8 @@ class Session:
         if told.touch is not None:
             progress.touch(told.touch)
             if decision.action != Probe(told.touch.pose) or told.touch.elsewhere is not None:
-                decision = Decision(Probe(told.touch.pose), {"is_unasked": 1.0})
+                moved = {MOVED: decision.scores[MOVED]} if MOVED in decision.scores else {}
+                decision = Decision(Probe(told.touch.pose), {**moved, "is_unasked": 1.0})
         elif told.is_miss:
             progress.miss()
         else:

@@ -262,10 +262,12 @@ def _state(imaging: Imaging, scene: Scene) -> dict[str, Any]:
 
 
 def differs_from_training(imaging: Mapping[str, Any] | None, scene: Scene) -> bool:
-    """Whether the sensor of a scene differs from that in the training of a reader of any object."""
+    """Whether the sensor of a scene differs from that in the training of a reader of any object, or aims worse."""
     if imaging is None or not isinstance(scene.renderer, PressureRenderer):
         return False
-    return bool(np.abs(sensor_state(Imaging.from_fields(imaging), scene).code()).max() > _DIFFERENT)
+    own = Imaging.from_fields(imaging)
+    is_farther = max(np.abs(scene.variation.offset.support)) > own.offset * (1 + 1e-9)
+    return bool(is_farther or np.abs(sensor_state(own, scene).code()).max() > _DIFFERENT)
 
 
 def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:

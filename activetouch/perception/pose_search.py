@@ -207,6 +207,11 @@ def cells_of(evidence: Any, scene: Scene, shape: int) -> Starts:
     Raises:
         InvalidArgument: the observation model knows no orientations.
     """
+    if isinstance(evidence, NestedEvidence) and evidence.model.moves is not None:
+        leaves, levels = evidence.belief.leaves_of(np.array([shape])), evidence.model.bodies.levels  # type: ignore[attr-defined]
+        each = zip(leaves.level.tolist(), leaves.cell.tolist(), strict=True)
+        rests = np.stack([centres(levels[level])[cell] for level, cell in each])
+        return Starts(rests, np.ones(len(rests)), leaves.log_weight, _CELL)
     if isinstance(evidence, NestedEvidence) and isinstance(bodies := evidence.model.bodies, CloseContacts):
         cells, logs = bodies.likely(shape, evidence.belief.touches)
         return Starts(centres(2)[cells], np.ones(len(cells)), evidence.belief.scale * logs, _CELL)
@@ -225,11 +230,12 @@ def pose_of(
 ) -> PoseBelief:
     """How an object of a shape lies after the touches of an evidence, by the images felt in some of the poses.
 
-    Without images, or where they cannot be predicted, the cells of the evidence are the answer.
+    Without images, or where they cannot be predicted or the object may have moved between them, the cells of the
+    evidence are the answer.
     """
     label, starts = scene.shape_labels[shape], cells_of(evidence, scene, shape)
     is_predicted = isinstance(scene.renderer, PressureRenderer) and scene.hand is None and label not in scene.families
-    if len(images) and is_predicted:
+    if len(images) and is_predicted and scene.moves is None:
         return PoseSearch.of(scene).found(label, poses, images, starts)
     probs = np.exp(starts.log_probs - logsumexp(starts.log_probs))
     symmetry = symmetry_of(scene.solids[label])

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.errors import AlikeShapes
+from activetouch.orientations import Inexact
 from activetouch.perception.cached_arrays import cached, require_name
 from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.reader import HypothesisTable, TactileReader, of_grasps
@@ -36,6 +37,10 @@ _ENOUGH = 0.9  # share of objects that must be named rightly after a touch in ev
 
 def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     """The observation model of a reader for the objects of a scene, from simulated touches; warns of alike shapes."""
+    if isinstance(scene.presentation, Inexact):
+        from activetouch.perception.moving import in_exact_poses  # others do not need it
+
+        scene = in_exact_poses(scene, hypotheses_of(reader, scene))
     described = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
     made_by = [reader.digest, reader.card.imaging, version("activetouch")]
     key = {"reader": made_by, "scene": described, "hypotheses": hypotheses_of(reader, scene)}

@@ -175,6 +175,7 @@ class PressedObject(NamedTuple):
         placement: where the object was; of a grasp, in front of a finger that is not turned.
         ideal: the image before the sensor's faults, in [0, 1].
         contacts: of all fingers; the force of one that misses is 0.
+        left: orientation at rest in which a grasp left the object, unit quaternion ``wxyz``; None where none is made.
     """
 
     contact: Contact
@@ -183,6 +184,7 @@ class PressedObject(NamedTuple):
     placement: Placement
     ideal: NDArray[np.floating]
     contacts: tuple[Contact, ...]
+    left: NDArray[np.float64] | None = None
 
 
 def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0, trace: Trace | None = None) -> Contact:

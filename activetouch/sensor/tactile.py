@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from activetouch.distributions import Constant
 from activetouch.errors import SceneShift
 from activetouch.named_scenes import SCENES, as_named
+from activetouch.orientations import Inexact
 from activetouch.perception.cached_arrays import announced
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
@@ -26,6 +27,7 @@ from activetouch.sensor_files import (
     FittedModel,
     doubting_file,
     files_for,
+    is_farther_off,
     is_of_objects,
     other_reader,
     require_model,
@@ -144,6 +146,7 @@ class TactileSensor:
             return RecordedSensor.read_folder(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
+        full, scene = scene, replace(scene, moves=None)  # readers and fits are those of objects that stay
         plan = cls.nested_plan(scene, independent, nested)
         path, fitted, shift = files_for(folder, scene, anyway, independent, bool(unknown_state) or plan is not None)
         other = None if unknown_state or plan is not None else other_reader(folder, path, scene, independent)
@@ -174,13 +177,17 @@ class TactileSensor:
                 from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
 
                 model = doubted(model, doubting_file(folder, path, scene, independent), scene)
+        if full.moves is not None or isinstance(full.presentation, Inexact):
+            from activetouch.perception.moving import moving_model  # other sensors do not need it
+
+            model = moving_model(model, full)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
                 SceneShift,
                 stacklevel=2,
             )
-        return cls(scene, reader, model, shift=shift, folder=folder)
+        return cls(full, reader, model, shift=shift, folder=folder)
 
     @staticmethod
     def nested_plan(scene: Scene, independent: bool, nested: bool | NestedPlan | None) -> NestedPlan | None:
@@ -198,7 +205,9 @@ class TactileSensor:
     @staticmethod
     def _model(reader: TactileReader, scene: Scene, fitted: FittedModel | None, unknown_state: bool) -> ArrayModel:
         """The observation model of a reader in a scene; one that is not in a file is made, and kept in the cache."""
-        if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
+        is_other = fitted is not None and reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)
+        is_joint = fitted is not None and fitted.model.reads == "embeddings"
+        if fitted is None or is_other or (is_joint and is_farther_off(fitted.scene, scene)):
             from activetouch.perception.preparation import prepared  # sensors of known objects do not need it
 
             model: ArrayModel = prepared(reader, scene)

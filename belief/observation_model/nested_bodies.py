@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from belief.cell_kernel import CellKernel
 from belief.coarse_to_fine import CellLikelihood, CoarseToFine, Effort, Ints, Leaves, NestedCells
 from belief.codec import array_field
 from belief.constraints import Probability, Within, check
@@ -91,6 +92,8 @@ class NestedBodyModel(ArrayModel):
         effort: limits on the refinement.
         correlation: ρ in [0, 1] of repeats in one pose.
         strangers: weighs whether an object has none of the bodies; None: touches tell nothing about that.
+        moves: kernel of the coarsest cells, and the probability that a body moves so between two touches. There is then
+            no closer look, which is at bodies at rest, and each touch keeps the weight that it has when it is made.
     """
 
     name: ClassVar[str] = "nested bodies"
@@ -105,6 +108,7 @@ class NestedBodyModel(ArrayModel):
     effort: Effort = field(default_factory=Effort)
     correlation: Probability = ASSUMED_CORRELATION
     strangers: StrangerTest | None = None
+    moves: tuple[CellKernel, float] | None = None
 
     def __post_init__(self) -> None:
         if self.references.ndim != 2 or not self.references.size or self.constants.shape != self.references.shape[:1]:
@@ -136,7 +140,8 @@ class NestedBodyModel(ArrayModel):
     @cached_property
     def _start(self) -> NestedEvidence:
         prior = np.zeros(len(self.shape_labels))
-        belief = CoarseToFine.start(prior, self.cells, self.bodies, self.effort, self.scale, self.drift)
+        drift = self.drift if self.moves is None else 0.0
+        belief = CoarseToFine.start(prior, self.cells, self.bodies, self.effort, self.scale, drift, self.moves)
         return NestedEvidence(self, belief)
 
     def embedding_of(self, touch: Touch) -> Floats32:
@@ -205,7 +210,8 @@ class NestedBodyModel(ArrayModel):
         arrays = {name: array_field(getattr(self, name), "float16") for name in ("references", "constants")}
         numbers = {name: getattr(self, name) for name in ("scale", "drift", "correlation")}
         others = {"effort": vars(self.effort), "bodies": self.bodies.fields()}
-        return {**numbers, **arrays, **others, "strangers": self.strangers and self.strangers.fields()}
+        kernel = {} if self.moves is None else {"moves": [self.moves[1], self.moves[0].fingerprint]}
+        return {**numbers, **arrays, **others, "strangers": self.strangers and self.strangers.fields(), **kernel}
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> ArrayModel:
@@ -266,14 +272,32 @@ class NestedEvidence:
         embedding, correlation = self.model.embedding_of(touch), self.model.correlation
         number, total = self.in_pose.get(touch.pose, (0, np.zeros_like(embedding)))
         in_pose = {**self.in_pose, touch.pose: (number + 1, total + embedding)}
-        shares = effective_touches([number, number + 1], correlation) / (max(number, 1), number + 1)
-        more = np.float32(shares[1]) * (total + embedding) - np.float32(shares[0]) * total
+        if self.model.moves is None:
+            shares = effective_touches([number, number + 1], correlation) / (max(number, 1), number + 1)
+            more = np.float32(shares[1]) * (total + embedding) - np.float32(shares[0]) * total
+        else:
+            more = np.float32(new_shares(self._counts, correlation, self.model.drift)[touch.pose]) * embedding
         num_new = float(effective_touches([many for many, _ in in_pose.values()], correlation).sum())
         belief = self.belief.update(self.model.bodies.felt(touch.pose, more), num_new)
         images = self.images
         if self.model.strangers is not None and touch.image is not None:
             images = *images, (touch.pose, touch.image)
-        return NestedEvidence(self.model, self.model.bodies.looked(belief), in_pose, images)
+        looked = belief if self.model.moves is not None else self.model.bodies.looked(belief)
+        return NestedEvidence(self.model, looked, in_pose, images)
+
+    @property
+    def moved(self) -> Floats:
+        """Probability of a move just before the last touch, given each body, ``(K,)``."""
+        found = self.belief.moved
+        return np.zeros(len(self.model.shape_labels)) if found is None else found
+
+    @property
+    def _counts(self) -> Floats:
+        """Number of touches in each pose, ``(P,)``."""
+        counts = np.zeros(self.model.num_poses)
+        for pose, (number, _) in self.in_pose.items():
+            counts[pose] = number
+        return counts
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> NestedMixture:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`; outcomes are the model's references."""
@@ -301,10 +325,8 @@ class NestedMixture:
     @cached_property
     def new(self) -> Floats:
         """See :class:`~belief.observation_model.outcome_mixture.Outcomes`."""
-        model, counts = self.evidence.model, np.zeros(self.evidence.model.num_poses)
-        for pose, (number, _) in self.evidence.in_pose.items():
-            counts[pose] = number
-        return new_shares(counts, model.correlation, 0.0)  # the drift is in the probabilities
+        # The drift is in the probabilities.
+        return new_shares(self.evidence._counts, self.evidence.model.correlation, 0.0)
 
     @cached_property
     def table(self) -> OutcomeTable:

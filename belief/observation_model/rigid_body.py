@@ -263,6 +263,10 @@ class RigidBodyModel(FittedRigidBody):
             raise ValueError(f"hypotheses must be of {len(self.shape_labels)} shapes, got {len(found)}")
         return found
 
+    def before_next(self, log_weights: NDArray[Any]) -> NDArray[Any]:
+        """Log weights ``(..., N)`` just before the next touch of a body, from those after the last one."""
+        return log_weights
+
     @cached_property
     def outcomes(self) -> ReferenceOutcomes:
         """The reference touches, and the probability of each under a hypothesis."""
@@ -306,6 +310,7 @@ class RigidBodyModel(FittedRigidBody):
         shares = repeat_shares(batch.poses, self.correlation, self.drift).astype(dtype)
         weights = np.zeros((len(batch), len(self.shape_labels[shapes]), self.num_hypotheses), dtype)
         for step in range(batch.num_touches):
+            weights = self.before_next(weights) if step else weights
             for pose in np.unique(batch.poses[:, step]).tolist():
                 here = np.flatnonzero(batch.poses[:, step] == pose)
                 weights[here] += shares[here, step, None, None] * self.scores(pose, embeddings[here, step], shapes)

@@ -35,7 +35,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.play import CompositionName
 from experiments.sensor_choice import asked_state, open_sensor, sensor_folder
 from planners import Session
-from planners.episode import ACTION_NAMES
+from planners.episode import ACTION_NAMES, MOVED
 from planners.session_log import OtherModel, problem_fields
 
 SCHEMA = "activetouch live 1"
@@ -177,6 +177,7 @@ class Conversation:
         return {
             **({} if health is None else {"sensor_health": str(health)}),
             "object": session.object_index,
+            **({MOVED: session.prob_moved} if session.prob_moved else {}),
             "outcome": str(session.outcome) if over else None,
             "success": session.episode.success if over else None,
             "num_touches": sum(step.touch is not None for step in session.steps),

@@ -335,6 +335,7 @@ def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> l
             pose = step.decision.action.pose
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
             image, _ = world.press(pose, rng)
+            body = world.current  # which may have moved
             uses[step.object_index, pose] += 1
             if is_of_body:
                 [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone

@@ -30,6 +30,7 @@ from belief.problem import SearchProblem
 from experiments.report import INK, PALETTE, figure
 from experiments.search.play import Frame, action_words, body_words, shown_shapes
 from planners import Episode, Outcome
+from planners.episode import moved_before
 
 Floats = NDArray[np.float64]
 BodyEvidence: TypeAlias = RigidBodyEvidence | NestedEvidence
@@ -111,6 +112,7 @@ def _draws(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], NDArray
 
 
 _SHOWN = 2  # shapes whose orientation is drawn
+_MOVED = 0.5  # probability of a move that is told
 _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "#dbe7f2"])
 
 
@@ -131,7 +133,10 @@ def draw_search(
             top, bottom = grid[0, column], grid[-1, column]
             top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
             top.set(xticks=[], yticks=[])
-            top.set_title(f"object {frame.step.object_index + 1} ({body_words(labels, frame.shape)})\npose {pose}")
+            prob = moved_before(following.step) if following.step.object_index == frame.step.object_index else 0.0
+            moved = f"\nhas moved: {prob:.2f}" if prob >= _MOVED else ""
+            title = f"object {frame.step.object_index + 1} ({body_words(labels, frame.shape)})\npose {pose}{moved}"
+            top.set_title(title)
             _bars(bottom, frame, episode, problem)
             if column:
                 bottom.set_yticks([])

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from belief.cell_kernel import CellKernel
 from belief.coarse_to_fine import CoarseToFine, Effort, NestedCells
 from belief.errors import ImpossibleObservation, InvalidArgument
+from tests.belief.test_cell_kernel import transitions
 
 BODIES, FINEST = 20, 6 * 4 * 4
 CELLS = NestedCells(tuple(np.full(n, 1 / n) for n in (6, 24, FINEST)))
@@ -146,3 +148,35 @@ def test_a_closer_look_decides_between_some_bodies_and_leaves_their_sum():
     for wrong in ([np.nan, 0.0, 0.0], [-np.inf] * 3, [np.inf, 0.0, 0.0]):
         with pytest.raises(ValueError, match="evidence"):
             belief.corrected(few, np.array(wrong))
+
+
+def test_what_moves_between_touches_is_the_sum_over_all_cells_before_and_after():
+    rng, prob = np.random.default_rng(3), 0.3
+    touches = [0.5 * touch for touch in touches_of(rng, (3, 50), 4)]
+    close = rng.uniform(0.1, 1.0, (6, 6))
+    kernel = CellKernel.of(close + close.T, np.ones(6))
+    number = FINEST // 6
+    step = np.kron(transitions(kernel), np.full((number, number), 1 / number))
+    weights, before = np.full((BODIES, FINEST), 1 / FINEST / BODIES), None
+    for count, touch in enumerate(touches):
+        before = (1 - prob) * weights if count else weights
+        weights = (before + prob * weights @ step if count else weights) * np.exp(0.7 * touch)
+    moved = 1.0 - (before * np.exp(0.7 * touches[-1])).sum(axis=1) / weights.sum(axis=1)
+    effort = Effort(tolerance=0.0, splits=10**6, at_once=7, kept=10**6, floor=0.0)
+    belief = updated(touches, effort, scale=0.7, moves=(kernel, prob))
+    assert belief.unresolved == 0.0
+    np.testing.assert_allclose(belief.log_of_bodies, np.log(weights.sum(axis=1)), atol=1e-4)
+    np.testing.assert_allclose(belief.moved, moved, atol=1e-4)
+    rough = updated(touches, Effort(tolerance=0.01, splits=64, at_once=16, kept=64), scale=0.7, moves=(kernel, prob))
+    assert np.abs(rough.probs - weights.sum(axis=1) / weights.sum()).max() < 0.05
+    assert rough.num_split <= 2 * 64
+
+
+def test_what_never_moves_is_as_without_moves():
+    touches = touches_of(np.random.default_rng(4), (3, 50), 5)
+    kernel, effort = CellKernel.of(np.ones((6, 6)), np.ones(6)), Effort(splits=20, kept=15)
+    still, never = (updated(touches, effort, moves=moves) for moves in (None, (kernel, 0.0)))
+    np.testing.assert_allclose(never.log_probs, still.log_probs, atol=1e-9)
+    np.testing.assert_allclose(never.moved, 0.0, atol=1e-6)
+    with pytest.raises(ValueError, match="coarsest cells"):
+        updated([], effort, moves=(CellKernel.of(np.ones((2, 2)), np.ones(2)), 0.1))

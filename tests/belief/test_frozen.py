@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
+from belief.cell_kernel import CellKernel
 from belief.coarse_to_fine import NestedCells
 from belief.conflict import ConflictTest, Novelty, UsualMisfit
 from belief.frozen import FrozenArrays, frozen
@@ -32,6 +33,7 @@ from belief.observation_model import (
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.doubted_sensor import DoubtedSensorModel
+from belief.observation_model.moving_body import MovingBodyModel
 from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, Views
 from belief.observation_model.plda import Components, LogitEmbedding
@@ -104,6 +106,16 @@ HOLDERS = {
     ),
     "RigidBodyModel": (
         lambda a, b, c: RigidBodyModel(LABELS, 3, 1.0, b, c, hypotheses=FixedHypotheses(a)),
+        [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
+    ),
+    "CellKernel": (
+        CellKernel,
+        [np.ones(2) / 2, *np.array([[0, 1, 0], [0, 1, 2]], np.int32), np.ones(2) / 2, np.arange(2), np.ones(2)],
+    ),
+    "MovingBodyModel": (
+        lambda a, b, c: MovingBodyModel(
+            LABELS, 3, 1.0, b, c, hypotheses=FixedHypotheses(a), prob=0.0, kernel=None, error=None
+        ),
         [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
     ),
     "FixedWorlds": (FixedWorlds, [np.ones((1, 2, 2, 3, 4), np.float32)]),

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from belief.cell_kernel import CellKernel
 from belief.coarse_to_fine import Effort, NestedCells
 from belief.errors import InvalidArgument
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.model import check_observation_model
+from belief.observation_model.moving_body import MovingBodyModel
 from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.problem import Elsewhere, SearchProblem, Touch
 from belief.synthetic import sample_arrangement
@@ -73,6 +75,26 @@ def test_one_level_of_cells_is_a_table_of_hypotheses_also_with_repeats_and_drift
         ours = mine.log_likelihood - mine.log_likelihood.max()
         np.testing.assert_allclose(ours, theirs.log_likelihood - theirs.log_likelihood.max(), atol=1e-4)
     assert mine.num_touches == 7
+
+
+@pytest.mark.parametrize("num_levels", [1, 2])
+def test_bodies_that_move_are_those_of_a_table(table, num_levels):
+    close = np.random.default_rng(5).uniform(0.0, 1.0, (CELLS, CELLS)) ** 4 + np.eye(CELLS)
+    kernel = CellKernel.of(close + close.T, np.ones(CELLS))
+    model = replace(nested(table, num_levels, effort=Effort(tolerance=0.0), moves=(kernel, 0.3)), drift=0.0)
+    blank = np.ones((POSES, 1, WIDTH)), np.zeros((POSES, 1, BODIES))
+    flat = RigidBodyModel(LABELS, CELLS, 1 / 0.8, *blank, hypotheses=FixedHypotheses(table))
+    mine, theirs = model.start(), MovingBodyModel.of(flat, 0.3, kernel).start()
+    assert mine.moved.tolist() == [0.0] * BODIES
+    rng = np.random.default_rng(6)
+    for pose in (2, 0, 1):
+        touch = Touch(pose, features=rng.normal(0.0, 1.5, WIDTH))
+        mine, theirs = mine.update(touch), theirs.update(touch)
+        ours = mine.log_likelihood - mine.log_likelihood.max()
+        np.testing.assert_allclose(ours, theirs.log_likelihood - theirs.log_likelihood.max(), atol=1e-4)
+        np.testing.assert_allclose(mine.moved, theirs.moved, atol=1e-4)
+    assert mine.update(touch).num_touches == 4  # a repeat, which counts less
+    assert model.to_json() != replace(model, moves=(kernel, 0.2)).to_json()
 
 
 def test_it_keeps_the_contract_of_observation_models(table):
