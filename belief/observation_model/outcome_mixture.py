@@ -167,6 +167,11 @@ class OutcomeMixture(FrozenArrays):
         """p(outcome of a first touch | pose, shape), ``(P, K, M)``."""
         return np.asarray((self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0])
 
+    def information(self, belief: Floats) -> Floats:
+        """Mutual information of the outcome of a first touch with shape and hypothesis [nats], ``(P,)``."""
+        joint = (belief[:, None] * self.weights)[..., None] * self.probs  # (P, K, H, M)
+        return information(joint.reshape(len(joint), -1, joint.shape[3]))
+
     def one_touch(self, factors: Floats) -> NDArray[Any]:
         """Sums over shapes of ``factors (J, K)`` ≥ 0 times p(outcome | pose, shape) of a first touch, ``(P, J, M)``.
 
