@@ -21,10 +21,11 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from belief.bayes import Belief
 from belief.composition import Composition
-from belief.constraints import Count, Positive, Within, check
+from belief.constraints import ABOVE_ZERO, Count, Positive, Within, check, require_rule
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of
@@ -34,12 +35,13 @@ from belief.problem import Probe, SearchProblem, Touch, Unsure
 from belief.statistics import wilson_interval
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
 from belief.table import Table, Tabular
-from belief.validation import Floats, as_real, checked_indices, normalise_probs
+from belief.validation import MOST_REPEATED, Floats, as_real, checked_indices, normalise_probs, require_count
 from planners.decider import Decider, Decision, InformationState, ProbeSelector
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain
 from planners.session import Session
 
 _REMEMBERED = 100_000  # decisions
+_HEIGHTS, _SLOPES = np.linspace(0.2, 4.5, 44), (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # a and b of planned stops
 RULES = ("adaptive", "random", "fixed")
 """How actions are chosen: by what they tell for their cost, in random order, or in the order of their numbers."""
 
@@ -160,6 +162,39 @@ class ActiveClassification(FrozenArrays):
         model = fit_contexts(outcomes, number, names, num_contexts, code.sizes(), seed)
         shares = (np.bincount(number, minlength=len(names)) + 1.0) / (len(number) + len(names))
         return cls(model, actions, code=code, **{"prior": shares, **settings})
+
+    def planned(self, error_cost: float, num_cases: int = 1000, seed: int = 0) -> ActiveClassification:
+        """The task with the stops of the least expected cost, of actions and of errors, in cases drawn from its model.
+
+        The threshold falls with the number of actions: early it pays to be sure, late only cases are left that more
+        actions hardly decide. It is Φ(a n^-b) after n - 1 actions, with the best of some a and b.
+
+        Args:
+            error_cost: cost of a wrong answer, in the unit of the costs.
+            num_cases: drawn from the model.
+            seed: of the cases.
+        """
+        require_rule("error_cost", error_cost, ABOVE_ZERO)
+        require_count("num_cases", num_cases, most=MOST_REPEATED)
+        assert self.prior is not None, "set at construction"
+        assert self.costs is not None, "set at construction"
+        rng, every = np.random.default_rng(seed), range(self.model.num_poses)
+        truth = rng.choice(len(self.classes), num_cases, p=self.prior)
+        cases = [[_outcome(touch) for touch in self.model.sample(int(k), every, rng)] for k in truth]
+        whole = replace(self, stop=np.inf, error_cost=None, code=None)
+        played = whole.evaluate(np.array(cases), truth, ("adaptive",)).answers["adaptive"]
+        lengths = np.array([len(one.actions) for one in played])
+        steps, rows = np.arange(lengths.max() + 1), np.arange(num_cases)
+        stated, spent = np.ones((2, num_cases, len(steps)))
+        for row, one in enumerate(played):
+            stated[row, : lengths[row] + 1] = one.probs.max(axis=1)
+            spent[row, : lengths[row] + 1] = np.cumsum([0.0, *self.costs[list(one.actions)]])
+        costs = {}
+        for stops in (ndtr(height * (steps + 1.0) ** -slope) for height in _HEIGHTS for slope in _SLOPES):
+            over = (stated >= stops) | (steps >= lengths[:, None])
+            at = over.argmax(axis=1)
+            costs[tuple(stops.tolist())] = float((spent + error_cost * (1.0 - stated))[rows, at].mean())
+        return replace(self, stop=min(costs, key=lambda stops: costs[stops]))
 
     @property
     def limit(self) -> int:

@@ -168,6 +168,24 @@ def test_a_certificate_keeps_its_promise_where_the_model_is_wrong():
     assert np.mean([not one.is_right for one in stopped]) < np.mean([not one.is_right for one in answers])
 
 
+def test_planned_stops_cost_least_and_fall_with_the_number_of_actions():
+    rng = np.random.default_rng(0)
+    probs = np.stack([[[0.3, 0.7], [0.7, 0.3]]] * 12)
+    task = ActiveClassification.from_probs(probs, depth=1)
+    planned = task.planned(40.0, num_cases=300)
+    assert (np.diff(planned.stop) <= 0.0).all()
+    truth = rng.integers(2, size=600)
+    cases = (rng.random((600, 12)) > probs[:, :, 0].T[truth]).astype(int)
+
+    def cost(other):
+        answers = other.evaluate(cases, truth, rules=("adaptive",)).answers["adaptive"]
+        return np.mean([one.cost + 40.0 * (1 - one.is_right) for one in answers])
+
+    others = [cost(ActiveClassification.from_probs(probs, depth=1, stop=stop)) for stop in (0.6, 0.8, 0.99)]
+    assert cost(planned) < min(others) + 0.3
+    assert len(task.planned(0.1, num_cases=50).start().taken) == 0
+
+
 def test_the_report_is_a_table_of_what_was_stated_right_taken_and_spent(task):
     found = task.evaluate(*drawn(np.random.default_rng(0), 400), rules=("adaptive", "random", "fixed"))
     rows = {row["rule"]: row for row in found.rows()}
