@@ -38,7 +38,7 @@ def tempered(opinion: ArrayLike, wrong_by: float = WRONG_BY) -> Floats:
         ValueError: no probabilities, or a factor below 1.
 
     >>> tempered([0.95, 0.05]).round(3).tolist(), tempered([1.0, 0.0]).round(3).tolist()
-    ([0.833, 0.167], [0.948, 0.052])
+    ([0.828, 0.172], [0.949, 0.051])
     """
     require_number("wrong_by", wrong_by, 1.0, np.inf)
     probs = normalise_probs(opinion, "opinion")

@@ -25,7 +25,6 @@ from belief.frozen import frozen
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence, WeighsStrangers, start
 from belief.observation_model.model import CouplesObjects, ObservationModel
-from belief.opinion import as_opinion, tempered
 from belief.problem import SearchProblem, Touch, TouchHistory
 from belief.validation import Floats, require_index
 
@@ -204,8 +203,6 @@ class SceneBelief(ReadableScene):
         prior: belief about one object of an ``independent`` scene; uniform by default.
         target: label or index of the target shape, for the composition "at_most_one", and for the warning
             :class:`ZeroPriorTarget`.
-        opinion: probabilities of the shapes of each object from another source, such as a camera, ``(N, K)`` or
-            ``(K,)``; it is tempered (:mod:`belief.opinion`).
         log_bets: log bets of the scene of an earlier search with the same set-up, whose conflict test this one
             continues.
 
@@ -235,7 +232,6 @@ class SceneBelief(ReadableScene):
         prior: Belief | None = None,
         *,
         target: Name | None = None,
-        opinion: ArrayLike | None = None,
         log_bets: ArrayLike = 0.0,
     ) -> None:
         self.labels = tuple(problem.shape_labels)
@@ -258,9 +254,10 @@ class SceneBelief(ReadableScene):
         self._prior = prior if prior is not None else Belief.uniform(self.labels)
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
         self._log_opinion: Floats | None = None  # odds against equal probabilities
-        if opinion is not None:
-            probs = tempered(as_opinion(opinion, problem.num_objects, problem.num_shapes))
-            self._log_opinion = np.log(problem.num_shapes * probs)
+        if problem.opinion is not None:
+            from belief.opinion import tempered
+
+            self._log_opinion = np.log(problem.num_shapes * tempered(problem.opinion))
         self._touches = [TouchHistory() for _ in range(problem.num_objects)]
         self._evidence = [start(model)] * problem.num_objects
         self._sensor = model if isinstance(model, CouplesObjects) else None

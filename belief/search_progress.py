@@ -132,11 +132,10 @@ class SearchProgress:
         prior: Belief | None = None,
         *,
         target: Name | None = None,
-        opinion: ArrayLike | None = None,
         log_bets: ArrayLike = 0.0,
     ) -> None:
         self.problem = problem = problem if target is None else problem.seeking(target)
-        self.scene = SceneBelief(problem, model, prior, target=target, opinion=opinion, log_bets=log_bets)
+        self.scene = SceneBelief(problem, model, prior, target=target, log_bets=log_bets)
         self._one = BatchedProgress(problem, 1)
         self._see()
 

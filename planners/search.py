@@ -69,7 +69,6 @@ def search(
     model: ObservationModel,
     seed: int | Sequence[int],
     log_bets: ArrayLike = 0.0,
-    opinion: ArrayLike | None = None,
 ) -> Episode:
     """Search until an object is confirmed, all are rejected, the decider is unsure, or the touch limit is reached.
 
@@ -81,7 +80,6 @@ def search(
         model: likelihood of touches.
         seed: seed of the episode, one number or several; the same seed gives the same episode.
         log_bets: log bets of an earlier search with the same set-up (:func:`log_bets_after`).
-        opinion: as of :class:`planners.Session`.
 
     Raises:
         UnknownName: no shape has the target's name.
@@ -90,8 +88,7 @@ def search(
         BadDecision: the decider returns an invalid decision.
         ImpossibleObservation: a touch has likelihood zero for every possible shape.
     """
-    opinions = None if opinion is None else [opinion]
-    return search_lockstep([world], decider, problem, [target], model, [seed], None, [log_bets], opinions)[0]
+    return search_lockstep([world], decider, problem, [target], model, [seed], log_bets=[log_bets])[0]
 
 
 def search_lockstep(
@@ -103,29 +100,27 @@ def search_lockstep(
     seeds: Sequence[int | Sequence[int]],
     touch_many: TouchMany[WorldT] | None = None,
     log_bets: Sequence[ArrayLike] | None = None,
-    opinions: Sequence[ArrayLike] | None = None,
 ) -> list[Episode]:
-    """:func:`search` for many episodes at once, each with its entry of the other sequences.
+    """:func:`search` for many episodes at once, in the order of ``worlds``, ``targets``, ``seeds`` and ``log_bets``.
 
     ``touch_many`` makes the touches of all waiting episodes; by default they are made one by one.
 
     Raises:
-        ValueError: there are not as many targets, seeds, bets or opinions as worlds; or as :func:`search`.
+        ValueError: there are not as many targets, seeds or bets as worlds; or as :func:`search`, with its other errors.
     """
     labels = problem.shape_labels
     log_bets = [0.0] * len(worlds) if log_bets is None else log_bets
-    views: Sequence[ArrayLike | None] = [None] * len(worlds) if opinions is None else opinions
-    for given, what in ((targets, "targets"), (seeds, "seeds"), (log_bets, "log_bets"), (views, "opinions")):
+    for given, what in ((targets, "targets"), (seeds, "seeds"), (log_bets, "log_bets")):
         if len(given) != len(worlds):
             raise InvalidArgument(f"there must be as many {what} as worlds, {len(worlds)}, got {len(given)}")
     sessions = []
-    for world, target, seed, bets, view in zip(worlds, targets, seeds, log_bets, views, strict=True):
+    for world, target, seed, bets in zip(worlds, targets, seeds, log_bets, strict=True):
         arrangement = tuple(int(shape) for shape in world.arrangement)
         if len(arrangement) != problem.num_objects:
             raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
         world.reset()
         shape = index_of("target", labels, target)
-        session = Session(problem, decider, shape, model, seed, abstain=False, log_bets=bets, opinion=view)
+        session = Session(problem, decider, shape, model, seed, abstain=False, log_bets=bets)
         session.arrangement = arrangement  # which may hold shapes that the problem does not know
         sessions.append(session)
     active = list(range(len(worlds)))
@@ -223,7 +218,7 @@ def identify(
         threshold: probability at which to stop, in (0, 1]; None stops at ``max_touches`` alone.
         max_touches: ≥ 1.
         unlisted: prior probability that the object has none of the labels, which is one more answer, in [0, 1).
-        opinion: as of :class:`planners.Session`.
+        opinion: probabilities of the labels from another source, ``(K,)`` (:attr:`belief.SearchProblem.opinion`).
 
     Raises:
         InvalidArgument: the threshold is out of its range, or the model cannot weigh unlisted shapes.
@@ -239,16 +234,15 @@ def identify(
     if threshold is not None and not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
     labels, poses = tuple(model.shape_labels), tuple(pose_labels)
-    problem = SearchProblem(
-        labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0, unlisted=unlisted
-    )
+    rules = {"touch_limit": max_touches, "unsure_reward": 0.0, "unlisted": unlisted, "opinion": opinion}
+    problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, **rules)  # type: ignore[arg-type]
     rule = _Certain(threshold, max_touches)
     player: Decider
     if isinstance(decider, ProbeSelector):
         player = SequentialDecider(rule, decider)
     else:
         player = StopOverride(rule, _ForLikeliest(decider), ShapeInformationGain(model.outcome_table()))
-    session = Session(problem, player, 0, model, seed, abstain=False, opinion=opinion)
+    session = Session(problem, player, 0, model, seed, abstain=False)
     world.reset()
     while (request := _next_request(session, world)) is not None:
         session.tell(world.touch(request.pose, request.rng))

@@ -69,7 +69,6 @@ class SessionSettings(TypedDict, total=False):
     log_bets: ArrayLike
     least_force: float | None
     least_area: float | None
-    opinion: ArrayLike | None
 
 
 class AlreadyTold(InvalidArgument):
@@ -97,8 +96,6 @@ class Session:
         least_force: a contact whose stated force is not larger is no contact [N].
         least_area: a contact whose area is not larger is no contact [m²].
         prior: belief about one object of an ``independent`` problem before its first touch; uniform by default.
-        opinion: probabilities of the shapes of each object from another source, such as a camera, ``(N, K)`` or
-            ``(K,)``; it is tempered, as it may be wrong (:mod:`belief.opinion`).
 
     Attributes:
         problem: the search, with the answer Unsure if the decider may give it.
@@ -129,7 +126,6 @@ class Session:
         least_force: float | None = None,
         least_area: float | None = None,
         prior: Belief | None = None,
-        opinion: ArrayLike | None = None,
     ) -> None:
         self._abstains = arrangement is None if abstain is None else abstain
         if self._abstains:
@@ -138,9 +134,9 @@ class Session:
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
             problem = problem.with_unsure()
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
-        self._progress = SearchProgress(problem, model, prior, target=self.target, opinion=opinion, log_bets=log_bets)
+        self._progress = SearchProgress(problem, model, prior, target=self.target, log_bets=log_bets)
         self.problem, self.model = self._progress.problem, model
-        self.decider, self._log_bets, self._prior, self._opinion = decider, log_bets, prior, opinion
+        self.decider, self._log_bets, self._prior = decider, log_bets, prior
         self._listener = Listener(self.problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None
         self.arrangement = self._shapes([None] * self.problem.num_objects if arrangement is None else arrangement)
@@ -380,8 +376,6 @@ class Session:
             given = {name: header[name] for name in settings}
             if "prior" in header:
                 given["prior"] = Belief.from_probs(problem.shape_labels, header["prior"])
-            if "opinion" in header:
-                given["opinion"] = header["opinion"]
             session = cls(problem, decider, target, model, seed, reader=reader, **given)
             now = session.set_up
             if header.get("stop_rule", now["stop_rule"]) != now["stop_rule"]:  # older logs have none, and no decider
@@ -426,9 +420,7 @@ class Session:
 
     def _restore(self, events: list[Told | None]) -> None:
         """Begin again and count all answers, with the same sums in the same order."""
-        self._progress = SearchProgress(
-            self.problem, self.model, self._prior, opinion=self._opinion, log_bets=self._log_bets
-        )
+        self._progress = SearchProgress(self.problem, self.model, self._prior, log_bets=self._log_bets)
         self._events, self._steps, self._asked = events, [], None
         standing, undone = standing_of(events)
         for told in standing:
@@ -477,6 +469,5 @@ class Session:
             "least_force": listener.least_force,
             "least_area": listener.least_area,
             **({} if self._prior is None else {"prior": self._prior.probs.tolist()}),
-            **({} if self._opinion is None else {"opinion": np.asarray(self._opinion, np.float64).tolist()}),
             **digests(self.model, listener.reader),
         }

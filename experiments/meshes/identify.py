@@ -17,8 +17,10 @@ from belief.constraints import CountOrNone, NotNegative
 from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.observation_model.nested_bodies import NestedEvidence
+from belief.opinion import read_opinion
 from belief.problem import Touch
 from belief.table import Table
+from belief.validation import Floats
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
@@ -133,6 +135,7 @@ def identify(
     max_touches: int = 16,
     decider: str | Decider = "shape_information_gain",
     unlisted: float = UNLISTED_SHARE,
+    prior: str | None = None,
     press: Bodies | None = None,
     lies: bool = False,
     seed: int = 0,
@@ -151,6 +154,7 @@ def identify(
         decider: its name, as of :func:`activetouch.compare`, or a decider. One that stops by the probability of the
             target chooses the poses alone; any other one is asked about the most probable body, and stops, too.
         unlisted: prior probability that an object is none of the bodies, which is one more answer.
+        prior: as of :func:`activetouch.compare`.
         press: bodies of which the objects are, instead, such as scans: as ``bodies``. One without a body of its label
             is none of these.
         lies: whether to say how each object that is rightly named lies, too, which takes a second or two.
@@ -172,8 +176,9 @@ def identify(
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(objects)).tolist()
     truths = truths if chosen is None else [chosen] * num_objects
     shared = Shared((world, _player(decider, sensor)))
+    opinion = None if prior is None else read_opinion(prior, sensor.shape_labels, 1)
     tasks = [
-        partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, lies)
+        partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, opinion, lies)
         for number, truth in enumerate(truths)
     ]
     done = list(run_tasks(tasks, jobs, "objects"))
@@ -216,11 +221,13 @@ def _name_one(
     max_touches: int,
     threshold: float,
     unlisted: float,
+    opinion: Floats | None,
     lies: bool,
 ) -> tuple[Identification, Lying | None]:
     pressed, player = shared.value
     sensor, world = pressed.sensor, TouchWorld.sample(pressed, [truth], np.random.default_rng([*seed, 0]))
-    found = name_first(world, player, sensor.model, sensor.pose_labels, seed, threshold, max_touches, unlisted)
+    rules = seed, threshold, max_touches, unlisted, opinion
+    found = name_first(world, player, sensor.model, sensor.pose_labels, *rules)
     truth_label = pressed.scene.shape_labels[truth]
     if not (lies and found.named >= 0 and sensor.shape_labels[found.named] == truth_label):
         return found, None
