@@ -38,6 +38,7 @@ from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, Views
 from belief.observation_model.plda import Components, LogitEmbedding
 from belief.problem import Elsewhere
+from belief.statistics.online_stops import OnlineStops
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 from planners.classification import ActiveClassification, Answer
@@ -112,6 +113,10 @@ HOLDERS = {
         [TABLE, np.array([0.5, 0.5]), np.ones(1)],
     ),
     "Answer": (lambda a: Answer(0, 1, 0.9, True, (0,), 1.0, a), [np.full((2, 2), 0.5)]),
+    "OnlineStops": (
+        lambda a, b, c, d: OnlineStops(wealth=a, reached=b, seen=c, alarm=d),
+        [np.zeros((14, 5)), np.zeros(14, np.bool_), np.zeros(14, np.int64), np.full(6, 1 / 6)],
+    ),
     "FixedHypotheses": (FixedHypotheses, [np.ones((1, 2, 3, 4), np.float32)]),
     "FittedRigidBody": (
         lambda a, b: FittedRigidBody(LABELS, 3, 1.0, a, b),
