@@ -3,8 +3,8 @@
     python -m benchmarks.online_stops --replays 1000
 
 The answers state 0.95 to 0.999. In a world in which a share of 0.055 is wrong, no threshold may be accepted for a risk
-of 0.05; "ever" is the share of replays in which one is, within 500 outcomes. Then a good sensor (0.001
-wrong, as searches by touch are) breaks after 300 outcomes (half are wrong) and is repaired as soon as the threshold is withdrawn.
+of 0.05; "ever" is the share of replays in which one is, within 500 outcomes. Then a good sensor (0.001 wrong, as
+searches by touch are) breaks after 300 outcomes (half are wrong) and is repaired as soon as the threshold is withdrawn.
 """
 
 from __future__ import annotations
