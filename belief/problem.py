@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from numbers import Real
-from typing import TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,6 +194,8 @@ class SearchProblem:
         unlisted: probability that an object has none of the shapes: each of the objects of the composition is replaced
             by such a stranger with this probability, independently. Above 0, the observation model must weigh strangers
             (:class:`belief.observation_model.evidence.WeighsStrangers`).
+        opinion: probabilities of the shapes of each object from another source, such as a camera, ``(N, K)``, or
+            ``(K,)`` for all objects; kept as tuples. It may be wrong, so beliefs temper it (:mod:`belief.opinion`).
 
     Raises:
         ValueError: labels that are empty, equal or not strings; a number of objects or touches that is not an integer
@@ -214,6 +216,7 @@ class SearchProblem:
     touch_limit: int = cast("int", None)
     unsure_reward: float | None = None
     unlisted: float = 0.0
+    opinion: Any = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.composition, Counts | AtMostOne):
@@ -245,10 +248,16 @@ class SearchProblem:
                 f"got {self.unsure_reward!r}"
             )
         require_number("unlisted", self.unlisted, 0.0, np.nextafter(1.0, 0.0))
+        if self.opinion is not None:
+            from belief.opinion import as_opinion
+
+            rows = as_opinion(self.opinion, self.num_objects, self.num_shapes)
+            object.__setattr__(self, "opinion", tuple(map(tuple, rows.tolist())))
 
     def __repr__(self) -> str:
-        """As of any dataclass, without unlisted shapes where there are none: runs and certificates hold this text."""
-        names = [field.name for field in fields(self) if field.name != "unlisted" or self.unlisted]
+        """As of any dataclass, without what a search does not have: runs and certificates hold this text."""
+        rare = [name for name in ("unlisted", "opinion") if not getattr(self, name)]
+        names = [field.name for field in fields(self) if field.name not in rare]
         return f"SearchProblem({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     def with_unsure(self) -> SearchProblem:

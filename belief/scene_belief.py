@@ -261,6 +261,11 @@ class SceneBelief(ReadableScene):
             num_states(self._counts, problem.num_objects)  # raises now, not in the middle of a search
         self._prior = prior if prior is not None else Belief.uniform(self.labels)
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
+        self._log_opinion: Floats | None = None  # odds against equal probabilities
+        if problem.opinion is not None:
+            from belief.opinion import tempered
+
+            self._log_opinion = np.log(problem.num_shapes * tempered(problem.opinion))
         self._touches = [TouchHistory() for _ in range(problem.num_objects)]
         self._evidence = [start(model)] * problem.num_objects
         self._sensor = model if isinstance(model, CouplesObjects) else None
@@ -345,6 +350,8 @@ class SceneBelief(ReadableScene):
         Each object of the composition is replaced by a stranger with the prior probability of unlisted shapes, so that
         the likelihood of a place is that of its shape or of a stranger.
         """
+        if self._log_opinion is not None:
+            log_likelihoods = log_likelihoods + self._log_opinion
         if self._log_prior is None:
             found = self._marginals_of(log_likelihoods)
             return Places(log_likelihoods, found), found

@@ -20,9 +20,11 @@ from planners.session import Session
 
 if TYPE_CHECKING:
     from planners.check import check_decider
+    from planners.classification import ActiveClassification
 
 __all__ = [
     "DECIDERS",
+    "ActiveClassification",
     "Decider",
     "Decision",
     "Episode",

@@ -20,9 +20,11 @@ from belief.codec import INFINITE, from_fields, to_fields
 from belief.constraints import Checked, Count, CountOrNone, Fraction, NotEmpty, Within, check
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument
 from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
+from belief.naming import UNKNOWN
 from belief.observation_model.model import ObservationModel
 from belief.problem import Confirm, Probe, Touch, Unsure
 from belief.statistics.exchangeability import log_e_values
+from belief.statistics.online_stops import OnlineStops
 from belief.statistics.stop_thresholds import CertifiedThresholds
 from belief.table import Table, Tabular
 from belief.touch_fit import touch_fit
@@ -113,6 +115,25 @@ def fit_of_search(target: int, steps: Sequence[Step], model: ObservationModel) -
     misfit, strangeness = touch_fit(model, objects.values(), int(world))
     limited = np.clip([misfit, strangeness], -_LARGEST, _LARGEST).round(4)
     return target, float(limited[0]), float(limited[1])
+
+
+def learned(stops: OnlineStops, session: Session) -> OnlineStops:
+    """Stops that learn from a search whose true shapes were revealed (:meth:`planners.Session.reveal`).
+
+    What counts is the first moment at which the decider would confirm, whether it was allowed to or not: follow it by
+    ``Certified(decider, (stops.threshold,))``, and report all searches. A search without such a moment says nothing.
+
+    Raises:
+        InvalidArgument: nobody knows the shape of the object that would be confirmed.
+    """
+    for step in session.steps:
+        if WANTED in step.decision.scores or isinstance(step.decision.action, Confirm):
+            shape = session.arrangement[step.object_index]
+            if shape == UNKNOWN:
+                raise InvalidArgument("stops learn from searches whose shapes are known: say them with reveal()")
+            stated = min(float(step.belief.probs[session.target]), 1.0)
+            return stops.after(stated, shape != session.target)
+    return stops
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,17 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import target_information_gain
-from belief.constraints import Checked, Count, Probability, check
+from belief.constraints import Checked, Count, Probability, Within, check
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument, UnknownName
 from belief.files import sealed_json, unsealed_json, write_text
 from belief.observation_model.model import ObservationModel
-from belief.observation_model.outcome_mixture import information, target_shares
+from belief.observation_model.outcome_mixture import OutcomeMixture, information, target_shares
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
 from belief.validation import Floats
@@ -103,6 +103,7 @@ def next_touch(
 
 _MOST_ANSWERS = 64  # shapes that a touch is to tell apart
 _ALIKE = 1e-9  # difference of gains [nats]
+_LEAST_GAIN = 1e-3  # about shape and hypothesis together, below which a touch is no part of a good pair [nats]
 
 
 @dataclass(frozen=True)
@@ -197,9 +198,32 @@ class ShapeInformationGain(TargetInformationGain):
     It is the usual criterion of active perception. In the scene ``keyed`` it needs as many touches as the gain about
     the target. Beside the 64 most probable shapes, all others count as one. Attributes as of
     :class:`TargetInformationGain`; ``given`` is "body".
+
+    Attributes:
+        depth: 2 looks two touches ahead, where the evidence has an outcome mixture and the limit allows both: a touch
+            that tells nothing by itself may say which other one does. It costs P times as much.
+        costs: of a touch in each pose, ``(P,)``; the pose has the largest gain for its cost. All equal by default.
     """
 
     given: Literal["body"] = field(default="body", init=False)
+    depth: Annotated[int, Within(1, 2)] = 1
+    costs: Floats | None = None
+
+    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.ProbeSelector`."""
+        require_fit(self.table, info.problem)
+        shares = self._shares(info)
+        joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
+        costs = np.ones(len(joint)) if self.costs is None else self.costs
+        mixture = None if info.evidence is None else info.evidence.outcome_mixture(self.outcomes, self.hypotheses)
+        if (
+            self.depth == 1
+            or not isinstance(mixture, OutcomeMixture)
+            or len(info.history) + 1 >= info.problem.touch_limit
+        ):
+            return _best(info, information(joint) / costs, weights)
+        values = _with_second(mixture, shares, information(joint) * weights, costs, weights)
+        return _best(info, values, np.where(weights > 0.0, 1.0, 0.0))
 
     def _shares(self, info: InformationState) -> Floats:
         probs = info.belief.probs  # of listed shapes: what a touch tells about strangers is not predicted
@@ -231,6 +255,22 @@ class PoseInformationGain(TargetInformationGain):
             return _best(info, gains, self.repeats.weights(info.uses))
         gains = information(mixture.of_hypotheses(info.belief.probs))
         return _best(info, gains, np.ones(len(gains)) if mixture.new is None else mixture.new)
+
+
+def _with_second(mixture: OutcomeMixture, shares: Floats, gains: Floats, costs: Floats, weights: Floats) -> Floats:
+    """Gain of a touch in each pose, or of it and the best second one in another pose, for the cost, ``(P,)``."""
+    found = gains / costs
+    kept = np.flatnonzero((weights > 0.0) & (information(mixture.of_hypotheses(shares.sum(axis=0))) > _LEAST_GAIN))
+    rest = OutcomeMixture(mixture.weights, mixture.probs[kept]) if kept.size else mixture
+    for place, pose in enumerate(kept.tolist()):
+        joint = rest.two_touches(place, shares).transpose(1, 2, 0, 3)  # (M, P', J, M')
+        second = information(joint)
+        second[:, place] = 0.0
+        chosen = (second / costs[kept]).argmax(axis=1)  # after each outcome
+        outcomes = np.arange(len(chosen))
+        cost = joint.sum(axis=(2, 3))[outcomes, chosen] @ costs[kept][chosen]
+        found[pose] = max(found[pose], (gains[pose] + second[outcomes, chosen].sum()) / (costs[pose] + cost))
+    return found
 
 
 def _best(

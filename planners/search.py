@@ -204,6 +204,7 @@ def identify(
     threshold: float | None = 0.9,
     max_touches: int = 12,
     unlisted: float = 0.0,
+    opinion: ArrayLike | None = None,
     until: Callable[[int, Sequence[Touch]], bool] | None = None,
 ) -> Identification:
     """Touch the first object of a world until a label has the probability ``threshold``, or ``max_touches`` are made.
@@ -218,6 +219,7 @@ def identify(
         threshold: probability at which to stop, in (0, 1]; None stops at ``max_touches`` alone.
         max_touches: ≥ 1.
         unlisted: prior probability that the object has none of the labels, which is one more answer, in [0, 1).
+        opinion: probabilities of the labels from another source, ``(K,)`` (:attr:`belief.SearchProblem.opinion`).
         until: what else must hold of a label with that probability and its touches before they end, such as that it is
             known how the object lies; it is asked after each touch.
 
@@ -235,6 +237,9 @@ def identify(
     if threshold is not None and not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
     labels, poses = tuple(model.shape_labels), tuple(pose_labels)
+    rules = {"touch_limit": max_touches, "unsure_reward": 0.0, "unlisted": unlisted, "opinion": opinion}
+    problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, **rules)  # type: ignore[arg-type]
+    rule = _Certain(threshold, max_touches)
     problem = SearchProblem(
         labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0, unlisted=unlisted
     )

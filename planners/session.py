@@ -95,6 +95,7 @@ class Session:
         reader: reads images.
         least_force: a contact whose stated force is not larger is no contact [N].
         least_area: a contact whose area is not larger is no contact [m²].
+        prior: belief about one object of an ``independent`` problem before its first touch; uniform by default.
 
     Attributes:
         problem: the search, with the answer Unsure if the decider may give it.
@@ -124,6 +125,7 @@ class Session:
         reader: ImageReader | None = None,
         least_force: float | None = None,
         least_area: float | None = None,
+        prior: Belief | None = None,
     ) -> None:
         self._abstains = arrangement is None if abstain is None else abstain
         if self._abstains:
@@ -132,10 +134,10 @@ class Session:
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
             problem = problem.with_unsure()
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
-        self._progress = SearchProgress(problem, model, target=self.target, log_bets=log_bets)
+        self._progress = SearchProgress(problem, model, prior, target=self.target, log_bets=log_bets)
         self.problem, self.model = self._progress.problem, model
         self._may_move = getattr(model, "moves", None) is not None
-        self.decider, self._log_bets = decider, log_bets
+        self.decider, self._log_bets, self._prior = decider, log_bets, prior
         self._listener = Listener(self.problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None
         self.arrangement = self._shapes([None] * self.problem.num_objects if arrangement is None else arrangement)
@@ -380,6 +382,8 @@ class Session:
             problem, target, seed = problem_from(header["problem"]), header["target"], header["seed"]
             settings = ("arrangement", "abstain", "log_bets", "least_force", "least_area")
             given = {name: header[name] for name in settings}
+            if "prior" in header:
+                given["prior"] = Belief.from_probs(problem.shape_labels, header["prior"])
             session = cls(problem, decider, target, model, seed, reader=reader, **given)
             now = session.set_up
             if header.get("stop_rule", now["stop_rule"]) != now["stop_rule"]:  # older logs have none, and no decider
@@ -425,7 +429,7 @@ class Session:
 
     def _restore(self, events: list[Told | None]) -> None:
         """Begin again and count all answers, with the same sums in the same order."""
-        self._progress = SearchProgress(self.problem, self.model, log_bets=self._log_bets)
+        self._progress = SearchProgress(self.problem, self.model, self._prior, log_bets=self._log_bets)
         self._events, self._steps, self._asked = events, [], None
         standing, undone = standing_of(events)
         for told in standing:
@@ -473,5 +477,6 @@ class Session:
             "log_bets": np.asarray(self._log_bets, np.float64).tolist(),
             "least_force": listener.least_force,
             "least_area": listener.least_area,
+            **({} if self._prior is None else {"prior": self._prior.probs.tolist()}),
             **digests(self.model, listener.reader),
         }

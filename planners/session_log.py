@@ -241,6 +241,7 @@ def problem_fields(problem: SearchProblem) -> dict[str, Any]:
         "touch_limit": int(problem.touch_limit),
         "unsure_reward": problem.unsure_reward,
         "unlisted": problem.unlisted,
+        **({} if problem.opinion is None else {"opinion": problem.opinion}),
     }
 
 
@@ -256,6 +257,7 @@ def problem_from(fields: Mapping[str, Any]) -> SearchProblem:
         fields["touch_limit"],
         fields["unsure_reward"],
         fields.get("unlisted", 0.0),
+        fields.get("opinion"),
     )
 
 

@@ -11,11 +11,16 @@ import pytest
 ROOT = Path(__file__).parent.parent
 
 
-def test_the_code_for_your_own_classifier_prints_what_the_page_says(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)  # it writes a figure
-    text = (ROOT / "docs" / "your_classifier.md").read_text()
+PRINTED = ("your_classifier", "any_decision", "adaptive_test", "diagnosis", "digits")
+
+
+@pytest.mark.parametrize("page", PRINTED)
+def test_the_code_of_a_page_prints_what_the_page_says(page, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)  # one writes a figure
+    monkeypatch.setenv("COLUMNS", "80")
+    text = (ROOT / "docs" / f"{page}.md").read_text()
     [(code, printed)] = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", text, flags=re.S)
-    exec(compile(code, "docs/your_classifier.md", "exec"), {})
+    exec(compile(code, f"docs/{page}.md", "exec"), {})
     assert capsys.readouterr().out == printed
 
 
@@ -40,6 +45,7 @@ def test_every_name_in_a_block_of_code_is_defined_in_it(code):
     assert not names - bound - set(dir(builtins))
 
 
+OF_PRINTED = {f"docs/{page}.md 1" for page in PRINTED}
 PRINTS = {
     "docs/start.md 3": "found the cube: True",
     "docs/world.md 1": "an image of (128, 128, 3)",
@@ -50,7 +56,7 @@ PRINTS = {
 
 @pytest.mark.mujoco
 @pytest.mark.torch
-@pytest.mark.parametrize("code", [block for block in BLOCKS if "your_classifier.md" not in str(block.id)])
+@pytest.mark.parametrize("code", [block for block in BLOCKS if str(block.id) not in OF_PRINTED])
 def test_every_block_of_code_runs(code, few_hypotheses, tmp_path, monkeypatch, capsys, request):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tests").symlink_to(ROOT / "tests")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol, Unpack, runtime_checkable
 
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from belief.composition import Composition, Counts
 from belief.naming import Name
@@ -47,6 +47,7 @@ class Sensor(Protocol):
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
     ) -> SearchProblem:
         """The rules of a search; arguments as of :meth:`search`."""
 
@@ -60,6 +61,7 @@ class Sensor(Protocol):
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
     ) -> Episode:
         """Search for an object of the target's shape among simulated objects.
 
@@ -75,6 +77,8 @@ class Sensor(Protocol):
                 then independent, with a warning.
             touch_cost: cost λ of one touch, in units of a success.
             unlisted: prior probability that an object has none of the shapes (:attr:`belief.SearchProblem.unlisted`).
+            opinion: probabilities of the shapes of each object from another source, such as a camera
+                (:attr:`belief.SearchProblem.opinion`).
 
         Returns:
             The episode, which prints as its steps.
@@ -94,6 +98,7 @@ class Sensor(Protocol):
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
         log: str | Path | None = None,
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
@@ -108,6 +113,7 @@ class Sensor(Protocol):
             composition: as of :meth:`search`.
             touch_cost: as of :meth:`search`.
             unlisted: as of :meth:`search`.
+            opinion: as of :meth:`search`.
             log: file for all that the session receives, on disk before the next question; if it exists, its search
                 continues, with its own settings alone.
             certificate: of :func:`activetouch.certify`, or its file: it says where an object is confirmed.

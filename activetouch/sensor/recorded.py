@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.errors import LabelMismatch
 from activetouch.sensor.searching import begun, player_of, problem_of, with_misses
@@ -150,10 +150,11 @@ class RecordedSensor:
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
     ) -> SearchProblem:
         """The rules of a search; by default of up to four different objects."""
         usual = SearchProblem(self.shape_labels, self.pose_labels, min(4, len(self.shape_labels)))
-        return problem_of(usual, _TOUCHES_PER_OBJECT, num_objects, composition, touch_cost, unlisted)
+        return problem_of(usual, _TOUCHES_PER_OBJECT, num_objects, composition, touch_cost, unlisted, opinion)
 
     def search(
         self,
@@ -165,12 +166,13 @@ class RecordedSensor:
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
     ) -> Episode:
         """Search among objects whose touches are drawn from the observation model, for which it is exact.
 
         ``activetouch recorded`` searches among recordings. See :meth:`Sensor.search`.
         """
-        problem = self.problem(num_objects, composition, touch_cost, unlisted)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         world = SyntheticWorld(self.model, sample_arrangement(problem, arrangement_rng(key), shape))
         return search(world, player, problem, shape, self.model, key)
@@ -185,6 +187,7 @@ class RecordedSensor:
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
         log: str | Path | None = None,
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
@@ -195,7 +198,7 @@ class RecordedSensor:
         """
         if certificate is not None:
             raise NotCertified(f"certificates are for sensors with a scene; {NOT_SIMULATED}")
-        problem = self.problem(num_objects, composition, touch_cost, unlisted)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         reader, settings = self.image_reader, with_misses(settings)
         return begun(Session(problem, player, shape, self.model, key, reader=reader, **settings), player, log, reader)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from numpy.typing import ArrayLike
+
 from belief.arrangement import num_states
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
@@ -26,6 +28,7 @@ def problem_of(
     composition: Composition | Counts | str | None,
     touch_cost: float,
     unlisted: float,
+    opinion: ArrayLike | None,
 ) -> SearchProblem:
     """The usual search with changed rules; objects are independent, with a warning, if the exact sum is too large."""
     if num_objects is None:
@@ -37,6 +40,7 @@ def problem_of(
         composition=Composition(composition) if isinstance(composition, str) else composition or usual.composition,
         touch_cost=touch_cost,
         unlisted=unlisted,
+        opinion=opinion,
         touch_limit=touches_per_object * num_objects,
     )
     try:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Constant
 from activetouch.errors import SceneShift
@@ -349,6 +349,7 @@ class TactileSensor:
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
     ) -> SearchProblem:
         """The rules of a search; by default those of the named scene, or of up to four different objects."""
         from activetouch.sensor.searching import problem_of
@@ -357,7 +358,7 @@ class TactileSensor:
         known = [one for one in SCENES.values() if self.scene in (one.scene, hand and one.scene.with_hand(hand))]
         named = known[0] if known else as_named(self.scene)
         usual = SearchProblem(self.shape_labels, self.pose_labels, named.num_objects, named.composition)
-        return problem_of(usual, named.touches_per_object, num_objects, composition, touch_cost, unlisted)
+        return problem_of(usual, named.touches_per_object, num_objects, composition, touch_cost, unlisted, opinion)
 
     def search(
         self,
@@ -369,6 +370,7 @@ class TactileSensor:
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
     ) -> Episode:
         """Search for an object of the target's shape among simulated objects of the scene.
 
@@ -377,7 +379,7 @@ class TactileSensor:
         """
         from activetouch.sensor.searching import player_of
 
-        problem = self.problem(num_objects, composition, touch_cost, unlisted)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         return search(TouchWorld.of_search(self, problem, key, shape), player, problem, shape, self.model, key)
 
@@ -391,6 +393,7 @@ class TactileSensor:
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
         unlisted: float = 0.0,
+        opinion: ArrayLike | None = None,
         log: str | Path | None = None,
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
@@ -402,7 +405,7 @@ class TactileSensor:
         """
         from activetouch.sensor.searching import begun, player_of, with_misses
 
-        problem = self.problem(num_objects, composition, touch_cost, unlisted)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         if certificate is None:
             settings = with_misses(settings)  # a certificate does not cover them

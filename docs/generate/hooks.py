@@ -28,6 +28,7 @@ NAV: dict[str, list[str]] = {
         "install.md",
         "your_own_objects.md",
         "your_classifier.md",
+        "any_decision.md",
         "find.md",
         "toy.md",
     ],
@@ -44,6 +45,9 @@ NAV: dict[str, list[str]] = {
         "architecture.md",
     ],
     "How-to": [
+        "adaptive_test.md",
+        "diagnosis.md",
+        "digits.md",
         "extending.md",
         "environments.md",
         "ppo.md",
@@ -58,7 +62,7 @@ NAV: dict[str, list[str]] = {
     "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
 }
 """Pages under each tab; generated pages are added to them."""
-NOTEBOOKS = ("toy", "your_classifier")
+NOTEBOOKS = ("toy", "your_classifier", "any_decision", "adaptive_test", "diagnosis", "digits")
 """Pages that can be downloaded as notebooks; their code is tested as it stands on the page."""
 FOLDERS = ("deciders", "worlds", "reference/api")
 REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"

@@ -141,6 +141,7 @@ def find(
     deciders: Mapping[str, Decider | str] | Sequence[str] | str = (),
     certificate: str | Path | Certificate | None = None,
     unlisted: float = UNLISTED_SHARE,
+    prior: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
     scale: float | None = None,
@@ -159,6 +160,7 @@ def find(
             target, which stops at the threshold.
         certificate: as of :func:`activetouch.compare`.
         unlisted: as of :func:`activetouch.compare`.
+        prior: as of :func:`activetouch.compare`.
         out: folder in which finished searches are kept, as of :func:`activetouch.compare`.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
@@ -175,7 +177,7 @@ def find(
     sensor = sensor_of(solids, setting.pop("sensor", "gel"), plan_of(**setting), jobs)
     named = NamedScene(sensor.scene, number, touches_per_object=_TOUCHES)
     run = prepared(
-        Setting(composition="at_most_one", unlisted=unlisted),
+        Setting(composition="at_most_one", unlisted=unlisted, prior=prior),
         deciders or _usual_decider(threshold, number, certificate),
         named,
         sensor,
@@ -253,7 +255,7 @@ class Find(MeshOptions):
             family=("size={}..{}".format(*SIZES),),
         )
         own = None if is_named else Path(self.sensor)
-        rules: dict[str, Any] = {"composition": "at_most_one", "unlisted": self.unlisted}
+        rules: dict[str, Any] = {"composition": "at_most_one", "unlisted": self.unlisted, "prior": self.prior}
         return Setting(choice, own, self.objects, observation_model="nested", **rules)
 
     @ends_claims

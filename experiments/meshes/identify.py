@@ -19,8 +19,10 @@ from belief.constraints import CountOrNone, NotNegative, Within, require_rule
 from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.observation_model.nested_bodies import NestedEvidence
+from belief.opinion import read_opinion
 from belief.problem import Touch
 from belief.table import Table
+from belief.validation import Floats
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
@@ -176,6 +178,7 @@ def identify(
     max_touches: int = 16,
     decider: str | Decider | None = None,
     unlisted: float = UNLISTED_SHARE,
+    prior: str | None = None,
     press: Bodies | None = None,
     lies: bool = False,
     within: float | None = None,
@@ -196,6 +199,7 @@ def identify(
             pose_information_gain with ``within``. One that stops by the probability of the
             target chooses the poses alone; any other one is asked about the most probable body, and stops, too.
         unlisted: prior probability that an object is none of the bodies, which is one more answer.
+        prior: as of :func:`activetouch.compare`.
         press: bodies of which the objects are, instead, such as scans: as ``bodies``. One without a body of its label
             is none of these.
         lies: whether to say how each object that is rightly named lies, too, which takes a second or two.
@@ -223,8 +227,9 @@ def identify(
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(objects)).tolist()
     truths = truths if chosen is None else [chosen] * num_objects
     shared = Shared((world, _player(decider, sensor)))
+    opinion = None if prior is None else read_opinion(prior, sensor.shape_labels, 1)
     tasks = [
-        partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, lies, within)
+        partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, opinion, lies, within)
         for number, truth in enumerate(truths)
     ]
     done = list(run_tasks(tasks, jobs, "objects"))
@@ -267,6 +272,7 @@ def _name_one(
     max_touches: int,
     threshold: float,
     unlisted: float,
+    opinion: Floats | None,
     lies: bool,
     within: float | None,
 ) -> tuple[Identification, Lying | None]:
@@ -281,7 +287,8 @@ def _name_one(
         return lies_as(named, touches).credible().radius <= (within or 0.0)
 
     until = None if within is None else is_narrow
-    found = name_first(world, player, sensor.model, sensor.pose_labels, seed, threshold, max_touches, unlisted, until)
+    rules = seed, threshold, max_touches, unlisted, opinion, until
+    found = name_first(world, player, sensor.model, sensor.pose_labels, *rules)
     truth_label = pressed.scene.shape_labels[truth]
     if not (lies and found.named >= 0 and sensor.shape_labels[found.named] == truth_label):
         return found, None

@@ -141,6 +141,9 @@ class MeshOptions(ABC):
     """Probability of the answer at which to stop."""
     unlisted: Probability = UNLISTED_SHARE
     """Prior probability that an object is none of the bodies; 0 for a closed world, which is faster."""
+    prior: str | None = None
+    """Probabilities of bodies before the first touch, as a camera sees them: mug=.7,bowl=.3, or a CSV file with columns
+    shape and prob. They may be wrong, so they count less than touches."""
     scale: Positive | None = None
     """Metres per unit of the files, such as 0.001."""
     sensor: str = "gel"
@@ -179,7 +182,7 @@ class MeshOptions(ABC):
     @property
     def common(self) -> dict[str, Any]:
         """The arguments of the functions that follow from them."""
-        names = ("threshold", "unlisted", "seed", "jobs", "sensor")
+        names = ("threshold", "unlisted", "prior", "seed", "jobs", "sensor")
         return {name: getattr(self, name) for name in names}
 
     def report(self, found: MeshResult) -> None:

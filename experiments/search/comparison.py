@@ -125,6 +125,7 @@ def compare(
     composition: CompositionName | None = None,
     touch_cost: float = 0.02,
     unlisted: float = 0.0,
+    prior: str | None = None,
     abstain: float | None = None,
     certificate: str | Path | Certificate | None = None,
     anyway: bool = False,
@@ -153,6 +154,7 @@ def compare(
             none. That of the scene by default.
         touch_cost: cost λ of one touch, in units of a success.
         unlisted: probability that an object has none of the shapes: such objects are of random bodies.
+        prior: probabilities of shapes before the first touch, as the command takes them: "mug=.7,bowl=.3", or a file.
         abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
             default.
         certificate: from :func:`activetouch.certify`, or its file; its decider also plays stopping by it, as
@@ -176,8 +178,8 @@ def compare(
         print(comparison)
         comparison.save("runs/cone")
     """
-    rules = {"num_objects": num_objects, "composition": composition, "touch_cost": touch_cost}
-    rules |= {"unlisted": unlisted, "abstain": abstain}
+    rules: dict[str, Any] = {"num_objects": num_objects, "composition": composition, "touch_cost": touch_cost}
+    rules |= {"unlisted": unlisted, "prior": prior, "abstain": abstain}
     setting, named, own_sensor = setting_of(scene, sensor, **rules, anyway=anyway)
     run = prepared(
         setting,

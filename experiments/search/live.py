@@ -27,9 +27,10 @@ from belief.composition import Counts
 from belief.constraints import NotNegative, Probability
 from belief.errors import InvalidArgument, UnknownName
 from belief.journal import array_from
+from belief.opinion import read_opinion
 from belief.problem import Probe, Touch
 from belief.references import ForeignCode
-from belief.validation import as_real
+from belief.validation import Floats, as_real
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.play import CompositionName
@@ -291,6 +292,9 @@ class Live:
     """Cost λ of one touch, in units of a success."""
     unlisted: Probability = 0.0
     """Prior probability that an object has none of the shapes, such as 0.05."""
+    prior: str | None = None
+    """Probabilities of shapes before the first touch, as a camera sees them: mug=.7,bowl=.3 for all objects, or a CSV
+    file with columns object, shape and prob. They may be wrong, so they count less than touches."""
     seed: Seed = 0
     """Seed of the decider."""
     never_unsure: bool = False
@@ -362,6 +366,7 @@ class Live:
                 composition=composition,
                 touch_cost=self.touch_cost,
                 unlisted=self.unlisted,
+                opinion=self._opinion(sensor, composition),
                 log=log,
                 abstain=not self.never_unsure,
                 least_force=self.least_force,
@@ -371,6 +376,13 @@ class Live:
             raise OtherModel(f"{error} (was it begun with --unknown-state, another hand, or other meshes?)") from None
         print(f"log: {log}" + f", goes on at step {session.step}" * bool(session.step), file=sys.stderr)
         return session, sensor
+
+    def _opinion(self, sensor: TactileSensor | RecordedSensor, composition: str | Counts | None) -> Floats | None:
+        """Probabilities of the shapes of each object, if there are any."""
+        if self.prior is None:
+            return None
+        number = sensor.problem(self.objects, composition).num_objects
+        return read_opinion(self.prior, sensor.shape_labels, number)
 
     def _open(self) -> TactileSensor | RecordedSensor:
         choice, given = self.choice, self.sensor

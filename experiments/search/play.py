@@ -75,6 +75,9 @@ class Setting:
     """Cost λ of one touch, in units of a success."""
     unlisted: Probability = 0.0
     """Probability that an object has none of the shapes, such as 0.05: simulated ones are of random bodies."""
+    prior: str | None = None
+    """Probabilities of shapes before the first touch, whatever the objects are: mug=.7,bowl=.3, or a CSV file with
+    columns object, shape and prob. They count less than touches. Where all objects differ, give a file."""
     abstain: Fraction | None = None
     """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
     anyway: bool = False
@@ -138,6 +141,11 @@ class Setting:
         number = named.num_objects if self.num_objects is None else self.num_objects
         shapes = named.scene.shape_labels
         composition = named.composition if self.composition is None else Composition(self.composition)
+        opinion: Any = None
+        if self.prior is not None:
+            from belief.opinion import read_opinion
+
+            opinion = read_opinion(self.prior, shapes, number)
         if self.num_objects is not None and number > len(shapes) and composition == Composition.DISTINCT:
             raise BadArgument(
                 f"--num-objects {number}: the scene has only {len(shapes)} shapes ({', '.join(shapes)}), and all "
@@ -153,6 +161,7 @@ class Setting:
                 touch_limit=named.touches_per_object * number,
                 unsure_reward=None if self.abstain is None else 0.0,
                 unlisted=self.unlisted,
+                opinion=opinion,
             )
         except ValueError as error:
             raise BadArgument(str(error)) from error

@@ -32,6 +32,8 @@ from belief.observation_model import (
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.context_fit import OutcomeCode
+from belief.observation_model.context_model import ContextModel
 from belief.observation_model.doubted_sensor import DoubtedSensorModel
 from belief.observation_model.moving_body import MovingBodyModel
 from belief.observation_model.nested_bodies import NestedBodyModel
@@ -39,8 +41,10 @@ from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixtu
 from belief.observation_model.plda import Components, LogitEmbedding
 from belief.observation_model.varied_bodies import VariedBodyModel
 from belief.problem import Elsewhere
+from belief.statistics.online_stops import OnlineStops
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
+from planners.classification import ActiveClassification, Answer
 from planners.solve import TouchProblem
 from planners.touch_problem import SearchTouchProblem
 
@@ -98,6 +102,23 @@ HOLDERS = {
     "ActionKernelModel": (
         lambda a, b: ActionKernelModel(LABELS, a, b),
         [np.full((2, 2), 0.5), np.ones((2, 3, 2))],
+    ),
+    "ContextModel": (
+        lambda a, b: ContextModel(LABELS, a, b),
+        [np.full((3, 2, 2, 4), 0.25), np.full((2, 2), 0.5)],
+    ),
+    "OutcomeCode": (
+        lambda a, b: OutcomeCode(((0, 1),), (a, a), (b,), 2),
+        [np.array([0.5]), np.array([0, 3])],
+    ),
+    "ActiveClassification": (
+        lambda a, b, c: ActiveClassification(ContextModel(LABELS, a), prior=b, costs=c),
+        [TABLE, np.array([0.5, 0.5]), np.ones(1)],
+    ),
+    "Answer": (lambda a: Answer(0, 1, 0.9, True, (0,), 1.0, a), [np.full((2, 2), 0.5)]),
+    "OnlineStops": (
+        lambda a, b, c, d: OnlineStops(wealth=a, reached=b, seen=c, alarm=d),
+        [np.zeros((14, 5)), np.zeros(14, np.bool_), np.zeros(14, np.int64), np.full(6, 1 / 6)],
     ),
     "FixedHypotheses": (FixedHypotheses, [np.ones((1, 2, 3, 4), np.float32)]),
     "FittedRigidBody": (

@@ -9,9 +9,10 @@ from belief import Confirm, Probe, Reject, SearchProblem, Unsure
 from belief.errors import CorruptFile, InvalidArgument
 from belief.files import sealed_json
 from belief.journal import Journal, read_journal
+from belief.statistics.online_stops import OnlineStops
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import SequentialDecider, Session, search
-from planners.certified import NEVER, SCHEMA, WANTED, Certificate, Certified, NotCertified
+from planners.certified import NEVER, SCHEMA, WANTED, Certificate, Certified, NotCertified, learned
 from planners.probing import FixedOrder
 from planners.session_log import OtherModel
 from planners.stopping import PosteriorThresholds
@@ -199,3 +200,27 @@ def test_a_certificate_of_an_earlier_version_knows_of_no_counted_sessions(tmp_pa
     del fields["counted"]
     (tmp_path / "older.json").write_text(sealed_json(fields))
     assert Certificate.load(tmp_path / "older.json").counted == ()
+
+
+def test_stops_learn_from_searches_whose_shapes_are_revealed():
+    stops, rng = OnlineStops(risk=0.2), np.random.default_rng(0)
+    for seed in range(3):
+        shapes = sample_arrangement(PROBLEM, np.random.default_rng([seed, 9]))
+        world = SyntheticWorld(MODEL, shapes)
+        session = Session(PROBLEM, Certified(EAGER, NEVER, max_touches=4), 0, MODEL, seed)
+        while (action := session.ask()) is not None:
+            if isinstance(action, Probe):
+                session.tell(world.touch(action.pose, rng))
+            else:
+                session.tell()
+                if session.outcome is None:
+                    world.advance()
+        wanted = [step for step in session.steps if WANTED in step.decision.scores]
+        if wanted:
+            with pytest.raises(InvalidArgument, match="reveal"):
+                learned(stops, session)
+        session.reveal(shapes)
+        before, stops = stops, learned(stops, session)
+        assert stops.num_outcomes == before.num_outcomes + bool(wanted)
+        assert stops.num_wrong == before.num_wrong + bool(wanted and shapes[wanted[0].object_index] != 0)
+    assert stops.num_outcomes > 0

@@ -1,0 +1,118 @@
+"""Opinions about objects before they are touched: probabilities of shapes from a camera, or from anybody.
+
+An opinion is evidence whose quality nobody knows. It is therefore tempered: if its odds are wrong by a factor of 20,
+what is stated after it is wrong by a factor of at most 5, the ratio of the odds of 0.99, where searches stop, and 0.95.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from belief.errors import ActiveTouchError, InvalidArgument
+from belief.naming import index_of
+from belief.validation import Floats, normalise_probs, require_number
+
+WRONG_BY = 20.0
+"""Factor by which the odds of an opinion may be wrong."""
+_ALLOWED = (0.99 / 0.01) / (0.95 / 0.05)  # by which the odds of an answer may be wrong
+_FLOOR = 0.01  # share of equal probabilities: nothing is ruled out by an opinion
+
+
+class BadOpinion(ActiveTouchError, ValueError):
+    """An opinion about objects cannot be read."""
+
+
+def tempered(opinion: ArrayLike, wrong_by: float = WRONG_BY) -> Floats:
+    """An opinion ``(..., K)`` that may be wrong: its odds are raised to a power, so that little is lost if they are.
+
+    Args:
+        opinion: probabilities of the shapes, of each object.
+        wrong_by: factor by which its odds may be wrong; up to 5.2 it is taken as it is.
+
+    Raises:
+        ValueError: no probabilities, or a factor below 1.
+
+    >>> tempered([0.95, 0.05]).round(3).tolist(), tempered([1.0, 0.0]).round(3).tolist()
+    ([0.828, 0.172], [0.949, 0.051])
+    """
+    require_number("wrong_by", wrong_by, 1.0, np.inf)
+    probs = normalise_probs(opinion, "opinion")
+    power = min(1.0, np.log(_ALLOWED) / np.log(wrong_by)) if wrong_by > 1.0 else 1.0
+    raised = ((1.0 - _FLOOR) * probs + _FLOOR / probs.shape[-1]) ** power
+    return np.asarray(raised / raised.sum(axis=-1, keepdims=True))
+
+
+def opinion_of(probs: Mapping[str, float], labels: Sequence[str]) -> Floats:
+    """Probabilities of all shapes ``(K,)`` from those of some, which leave the rest to the others in equal parts.
+
+    >>> opinion_of({"mug": 0.7}, ("mug", "bowl", "cup")).round(2).tolist()
+    [0.7, 0.15, 0.15]
+    """
+    found = np.full(len(labels), np.nan)
+    for label, prob in probs.items():
+        require_number(f"the probability of {label}", prob, 0.0, 1.0)
+        found[index_of("shape", tuple(labels), label)] = prob
+    rest, others = 1.0 - np.nansum(found), np.isnan(found)
+    if rest < -1e-6 or (not others.any() and rest > 1e-6):
+        raise BadOpinion(
+            f"the probabilities of an object must have the sum 1, or less where shapes are left out: {probs}"
+        )
+    return np.where(others, max(rest, 0.0) / max(others.sum(), 1), found)
+
+
+def read_opinion(text: str, labels: Sequence[str], num_objects: int) -> Floats:
+    """Probabilities of shapes ``(N, K)`` from words such as "mug=.7,bowl=.3", or from a CSV file.
+
+    Args:
+        text: words for all objects; or the path of a file with the columns shape and prob, and object, from 1, where
+            objects differ. Objects that it does not name may have any shape.
+        labels: names of the K shapes.
+        num_objects: N.
+
+    Raises:
+        BadOpinion: the text is neither, or names an object that is not there.
+        UnknownName: there is no shape of a name.
+
+    >>> read_opinion("mug=.7,bowl=.3", ("mug", "bowl"), 2).tolist()
+    [[0.7, 0.3], [0.7, 0.3]]
+    """
+    path = Path(text)
+    if "=" in text and not path.exists():
+        pairs = [pair.partition("=") for pair in text.split(",")]
+        one = {name.strip(): _number(value) for name, _, value in pairs}
+        return np.tile(opinion_of(one, labels), (num_objects, 1))
+    if not path.is_file():
+        raise BadOpinion(f"an opinion is shape=probability, separated by commas, or a CSV file; got {text!r:.80}")
+    with path.open(newline="", encoding="utf-8") as opened:
+        rows = list(csv.DictReader(opened))
+    if not rows or not {"shape", "prob"} <= set(rows[0]):
+        raise BadOpinion(f"{path} must have the columns shape and prob, and object where objects differ")
+    found = np.full((num_objects, len(labels)), 1.0 / len(labels))
+    every: dict[str, dict[str, float]] = {}
+    for row in rows:
+        every.setdefault(row.get("object") or "", {})[row["shape"]] = _number(row["prob"])
+    for name, probs in every.items():
+        if name and not (name.isdecimal() and 1 <= int(name) <= num_objects):
+            raise BadOpinion(f"{path} names the object {name!r}; objects are 1 to {num_objects}")
+        found[slice(None) if not name else int(name) - 1] = opinion_of(probs, labels)
+    return found
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise BadOpinion(f"a probability is a number, got {text!r:.40}") from None
+
+
+def as_opinion(opinion: ArrayLike, num_objects: int, num_shapes: int) -> Floats:
+    """Probabilities ``(N, K)``, checked; one row is for all objects."""
+    found = normalise_probs(opinion, "opinion")
+    if found.shape not in ((num_shapes,), (num_objects, num_shapes)):
+        raise InvalidArgument(f"an opinion must be ({num_objects}, {num_shapes}) or ({num_shapes},), got {found.shape}")
+    return np.array(np.broadcast_to(found, (num_objects, num_shapes)))

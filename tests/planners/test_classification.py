@@ -1,0 +1,228 @@
+"""The door for whoever knows nothing of touch: cases, actions, outcomes; what is asked, named, stated and promised."""
+
+import numpy as np
+import pytest
+
+from belief import Belief
+from belief.errors import UnknownName
+from belief.observation_model import check_observation_model
+from belief.observation_model.context_fit import OutcomeCode, fit_contexts, merged_cells
+from belief.observation_model.context_model import ContextModel
+from belief.problem import Touch
+from planners import ActiveClassification
+
+TESTS = np.array([[[0.9, 0.1], [0.2, 0.8]], [[0.6, 0.4], [0.5, 0.5]], [[0.7, 0.3], [0.4, 0.6]]])
+
+
+@pytest.fixture
+def task():
+    return ActiveClassification.from_probs(TESTS, ("ill", "well"), ("blood", "eyes", "skin"), stop=0.9)
+
+
+def exact_posterior(outcomes, prior=(0.5, 0.5)):
+    likelihood = np.array(prior)
+    for action, outcome in enumerate(outcomes):
+        likelihood = likelihood * (1.0 if outcome < 0 else TESTS[action, :, outcome])
+    return likelihood / likelihood.sum()
+
+
+def test_the_posterior_is_bayes_rule_whatever_the_order_and_what_is_missing(task):
+    for outcomes in ((0, 1, 0), (1, -1, 0), (-1, -1, -1)):
+        case = task.start()
+        for action in (2, 0, 1):
+            case.tell_outcome(outcomes[action], action)
+        np.testing.assert_allclose(case.belief.probs, exact_posterior(outcomes))
+
+
+def test_a_prior_counts_and_actions_have_names(task):
+    other = ActiveClassification.from_probs(TESTS, ("ill", "well"), task.actions, prior=np.array([0.1, 0.9]), stop=1.0)
+    case = other.start()
+    case.tell(0, "skin")
+    np.testing.assert_allclose(case.belief.probs, exact_posterior((-1, -1, 0), (0.1, 0.9)))
+    assert case.taken == (2,)
+    assert case.ask() == "blood"
+
+
+def test_what_cannot_be_carried_out_is_not_asked_again(task):
+    case = task.start()
+    assert case.ask() == "blood"
+    case.tell(None)
+    assert case.ask() == "skin"
+    case.tell(0)
+    assert (case.ask(), case.taken, case.cost) == ("eyes", (2,), 1.0)
+
+
+def test_the_action_with_the_largest_gain_for_its_cost_is_asked_and_the_budget_is_kept(task):
+    dear = ActiveClassification.from_probs(TESTS, costs=np.array([50.0, 1.0, 2.0]), budget=3.0, stop=1.0)
+    case, asked = dear.start(), []
+    while (action := case.asked) is not None:
+        asked.append(action)
+        case.tell_outcome(0)
+    assert asked == [2, 1]
+    assert case.cost == 3.0
+
+
+def test_a_case_stops_where_an_error_costs_less_than_the_next_action():
+    costs = np.full(3, 1.0)
+    cheap, dear = (
+        ActiveClassification.from_probs(TESTS, costs=costs, error_cost=cost, stop=1.0) for cost in (1.0, 20.0)
+    )
+    assert cheap.start().ask() is None
+    assert dear.start().ask() == "0"
+
+
+def hidden_context(n, rng):
+    """Action 0 says which of actions 1 and 2 shows the class; by itself it says nothing."""
+    y, context = rng.integers(2, size=(2, n))
+    rows = rng.integers(2, size=(n, 3))
+    rows[:, 0] = context
+    rows[np.arange(n), 1 + context] = np.where(rng.random(n) < 0.95, y, 1 - y)
+    return rows, y
+
+
+def test_looking_two_actions_ahead_finds_the_action_that_says_where_to_look():
+    rows, y = hidden_context(4000, np.random.default_rng(0))
+    one, two = (
+        ActiveClassification.from_cases(rows, y, num_contexts=(1, 2, 3), max_actions=2, stop=1.0, depth=depth)
+        for depth in (1, 2)
+    )
+    assert two.model.weights.shape[1] >= 2
+    assert two.start().ask() == "0"
+    assert one.start().ask() != "0"
+    cases, truth = hidden_context(300, np.random.default_rng(1))
+    adaptive, random = (two.evaluate(cases, truth).after(2, rule)[0] for rule in ("adaptive", "random"))
+    assert adaptive > 0.9 > random
+
+
+def test_the_fit_finds_contexts_probabilities_and_states_what_is_right():
+    rng = np.random.default_rng(2)
+    rows, y = hidden_context(3000, rng)
+    rows[rng.random(rows.shape) < 0.2] = -1
+    model = fit_contexts(rows, y, ("a", "b"), num_contexts=(1, 2), sizes=[2, 2, 2])
+    assert model.weights.shape == (2, 2)
+    cases, truth = hidden_context(2000, rng)
+    log_likelihoods = model.log_likelihoods_of(cases)
+    probs = np.exp(log_likelihoods - np.logaddexp.reduce(log_likelihoods, axis=1, keepdims=True))
+    assert abs(probs.max(axis=1).mean() - (probs.argmax(axis=1) == truth).mean()) < 0.03
+    assert (probs.argmax(axis=1) == truth).mean() > 0.93
+
+
+def test_cells_are_joined_where_their_counts_do_not_tell_them_apart():
+    cells = np.array([[[90.0, 10.0], [10.0, 90.0], [88.0, 12.0], [0.0, 0.0], [12.0, 88.0]]])
+    owners = merged_cells(cells, np.full((1, 2), 0.5))[0].tolist()
+    assert owners[0] == owners[2] != owners[1] == owners[4]
+
+
+def test_a_model_with_contexts_keeps_the_contract_of_observation_models():
+    rng = np.random.default_rng(0)
+    probs = rng.dirichlet(np.ones(4), size=(3, 2, 5))
+    model = ContextModel(("a", "b"), probs, rng.dirichlet(np.ones(5), size=2))
+    check_observation_model(model, rng)
+    touches = model.sample(1, [0, 2, 0], rng)
+    assert touches[0].features == touches[2].features  # the same test again
+    first, again = model.log_likelihood(touches[:2]), model.log_likelihood(touches)
+    np.testing.assert_array_equal(first, again)
+    everywhere = np.einsum("kh,pkhm->pkm", model.weights, model.probs)
+    np.testing.assert_allclose(model.outcome_table().probs, everywhere)
+    o, q = (int(touch.features[0]) for touch in touches[:2])
+    both = (model.weights * probs[0, :, :, o] * probs[2, :, :, q]).sum(axis=1)
+    np.testing.assert_allclose(np.exp(first), both)
+
+
+def test_a_repeatable_action_gives_new_evidence():
+    model = ContextModel(("a", "b"), TESTS, is_repeatable=True)
+    touch = Touch(0, features=np.array([0.0]))
+    np.testing.assert_allclose(model.log_likelihood([touch, touch]), 2.0 * model.log_likelihood([touch]))
+
+
+def test_values_become_outcomes_in_bins_joint_columns_and_missing_ones():
+    rng = np.random.default_rng(0)
+    table = np.stack([rng.normal(size=500), rng.integers(2, size=500), rng.integers(2, size=500)], axis=1)
+    table[3, 1] = np.nan
+    code = OutcomeCode.of(table, [(0,), (1, 2)], num_bins=5)
+    outcomes = code.outcomes(table)
+    assert code.sizes().tolist() == [5, 5]
+    assert outcomes[3, 1] == -1
+    whole = np.delete(np.arange(500), 3)
+    pairs = {tuple(row) for row in np.column_stack([table[whole, 1:], outcomes[whole, 1]]).tolist()}
+    assert len(pairs) == len({pair[2] for pair in pairs}) == 4
+    assert (np.diff(outcomes[np.argsort(table[:, 0]), 0]) >= 0).all()
+
+
+def drawn(rng, n):
+    y = rng.integers(2, size=n)
+    uniform = rng.random((n, 3))
+    return (uniform > TESTS[:, :, 0][np.arange(3), y[:, None]]).astype(int), y
+
+
+def test_a_certificate_keeps_its_promise_where_the_model_is_wrong():
+    bold = np.clip((TESTS - 0.5) * 1.6 + 0.5, 0.02, 0.98)  # states more than is right
+    task = ActiveClassification.from_probs(bold, stop=0.9)
+    rng = np.random.default_rng(3)
+    certified = task.certified(*drawn(rng, 1500), risk=0.15, confidence=0.9)
+    assert certified.certificate is not None
+    answers = certified.evaluate(*drawn(rng, 1500), rules=("adaptive",)).answers["adaptive"]
+    stopped = [one for one in answers if one.is_certain]
+    assert len(stopped) > 300
+    assert np.mean([not one.is_right for one in stopped]) < 0.17
+    assert np.mean([not one.is_right for one in stopped]) < np.mean([not one.is_right for one in answers])
+
+
+def test_planned_stops_cost_least_and_fall_with_the_number_of_actions():
+    rng = np.random.default_rng(0)
+    probs = np.stack([[[0.3, 0.7], [0.7, 0.3]]] * 12)
+    task = ActiveClassification.from_probs(probs, depth=1)
+    planned = task.planned(40.0, num_cases=300)
+    assert (np.diff(planned.stop) <= 0.0).all()
+    truth = rng.integers(2, size=600)
+    cases = (rng.random((600, 12)) > probs[:, :, 0].T[truth]).astype(int)
+
+    def cost(other):
+        answers = other.evaluate(cases, truth, rules=("adaptive",)).answers["adaptive"]
+        return np.mean([one.cost + 40.0 * (1 - one.is_right) for one in answers])
+
+    others = [cost(ActiveClassification.from_probs(probs, depth=1, stop=stop)) for stop in (0.6, 0.8, 0.99)]
+    assert cost(planned) < min(others) + 0.3
+    assert len(task.planned(0.1, num_cases=50).start().taken) == 0
+
+
+def test_the_report_is_a_table_of_what_was_stated_right_taken_and_spent(task):
+    found = task.evaluate(*drawn(np.random.default_rng(0), 400), rules=("adaptive", "random", "fixed"))
+    rows = {row["rule"]: row for row in found.rows()}
+    assert list(rows) == ["adaptive", "random", "fixed"]
+    for row in rows.values():
+        assert abs(row["stated"] - row["right"]) < 0.05
+        assert row["actions"] == row["cost"] <= 3
+    assert "400 cases" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"costs": [1.0]}, "actions need as many"),
+        ({"costs": [1.0, -1.0, 1.0]}, "costs > 0"),
+        ({"prior": [1.0]}, "classes need"),
+        ({"stop": 0.0}, "stop must be"),
+        ({"depth": 3}, "depth must be"),
+        ({"actions": ("a", "a", "b")}, "actions"),
+        ({"weights": np.ones((2, 1)) * 0.5}, "weights must"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ActiveClassification.from_probs(TESTS, **arguments)
+
+
+def test_cases_that_do_not_fit_are_refused(task):
+    with pytest.raises(ValueError, match="outcomes of cases must be"):
+        task.evaluate([[0, 1]], ["ill"])
+    with pytest.raises(ValueError, match="as many labels"):
+        task.evaluate([[0, 1, 1]], [])
+    with pytest.raises(UnknownName, match="class 'dead'"):
+        task.evaluate([[0, 1, 1]], ["dead"])
+    with pytest.raises(ValueError, match="no case of the class"):
+        fit_contexts(np.zeros((4, 2), int), [0, 0, 0, 0], ("a", "b"))
+    case = task.start()
+    with pytest.raises(ValueError, match="an outcome is"):
+        case.tell(7)
+    assert isinstance(case.belief, Belief)
