@@ -139,6 +139,8 @@ class Scene:
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
+        if self.pad.layout is not None and getattr(self.press_model, "moves", False):
+            raise InvalidArgument(f"a pad with a layout is pressed by Quasistatic(), not by {self.press_model!r:.80}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
