@@ -128,25 +128,38 @@ class PadDescription:
             raise InvalidArgument(f"readings must be at most 1, full scale, got {given.max():g}")
         return np.rint(255 * self.taxels.shown(given)).astype(np.uint8)
 
+    def entries(self) -> dict[str, Any]:
+        """The entries of its file, as JSON types; :func:`pad_from` reads them."""
+        taxels = self.taxels
+        return {
+            "relative": self.is_relative,
+            "full_scale_kpa": _rounded(self.full_scale / 1e3),
+            "dead": list(self.dead),
+            "taxels": {
+                "centres_mm": (1e3 * taxels.centres).round(6).tolist(),
+                "normals": taxels.normals.round(9).tolist(),
+                "area_mm2": _rounded(1e6 * taxels.area),
+            },
+            "response": {name: list(map(_rounded, ends)) for name, ends in self.response.ranges().items()},
+            "press": {
+                "force": list(map(_rounded, self.force)),
+                "offset_mm": _rounded(1e3 * self.offset),
+                "depth_mm": _rounded(1e3 * self.max_depth),
+            },
+        }
+
     def save(self, path: Path) -> None:
         """Write the description as TOML, as :func:`read_pad` reads it."""
-        taxels, millimetres = self.taxels, (1e3 * self.taxels.centres).round(6) + 0.0
-        lines = [
-            f"relative = {json.dumps(self.is_relative)}",
-            f"full_scale_kpa = {self.full_scale / 1e3:.9g}",
-            f"dead = {list(self.dead)}",
-            "\n[taxels]",
-            f"centres_mm = {millimetres.tolist()}",
-            f"normals = {(taxels.normals.round(9) + 0.0).tolist()}",
-            f"area_mm2 = {1e6 * taxels.area:.9g}",
-            "\n[response]",
-            *(f"{name} = [{low:.6g}, {high:.6g}]" for name, (low, high) in self.response.ranges().items()),
-            "\n[press]",
-            f"force = [{self.force[0]:.9g}, {self.force[1]:.9g}]",
-            f"offset_mm = {1e3 * self.offset:.9g}",
-            f"depth_mm = {1e3 * self.max_depth:.9g}",
-        ]
+        entries = self.entries()
+        tables = {name: part for name, part in entries.items() if isinstance(part, dict)}
+        lines = [f"{name} = {json.dumps(part)}" for name, part in entries.items() if name not in tables]
+        for table, parts in tables.items():
+            lines += [f"\n[{table}]", *(f"{name} = {json.dumps(part)}" for name, part in parts.items())]
         write_text(path, "\n".join(lines) + "\n")
+
+
+def _rounded(number: float) -> float:
+    return float(f"{number:.9g}")
 
 
 def read_pad(path: str | Path) -> PadDescription:
