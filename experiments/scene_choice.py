@@ -96,6 +96,7 @@ def command(name: str, *words: object, **options: object) -> str:
 def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
     own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
+    own.append(choice.pad.stem if choice.pad else None)
     meshes: Iterable[str] = ()
     if choice.meshes:
         from activetouch.mesh_source import labelled_sources
@@ -183,6 +184,8 @@ class SceneChoice:
     """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
     hand: Annotated[HandName | None, one_of(get_args(HandName))] = None
     """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
+    pad: Path | None = None
+    """TOML description of your own pad, which touches the scene's objects, quasistatically; docs/your_own_pad.md."""
     full: bool = False
     """Also simulate what changes no touch: a finger behind the pad, and the other objects, parked on their guides."""
     robot: Literal["panda_allegro"] | None = None
@@ -250,6 +253,15 @@ class SceneChoice:
             raise InvalidArgument("--robot panda_allegro and --menagerie FOLDER, which has its models, go together")
         if self.full or self.robot is not None:
             scene = scene.with_surroundings(self.full, self.menagerie)
+        if self.pad is not None:
+            from activetouch.pad_file import read_pad  # other scenes do not need it
+
+            if self.hand or self.fidelity not in (None, "quasistatic") or self.renderer or self.full or self.robot:
+                raise InvalidArgument(
+                    "--pad is pressed quasistatically and shows its taxels; leave out --hand, --fidelity, --renderer, "
+                    "--full and --robot"
+                )
+            scene = read_pad(self.pad).scene(scene)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
         return replace(named, scene=scene, num_objects=num_objects)
 

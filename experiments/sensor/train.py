@@ -17,7 +17,7 @@ from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.reader import TactileReader, resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
-from activetouch.sensor_files import ANY_OBJECT_FILE, READER_FILE
+from activetouch.sensor_files import ANY_OBJECT_FILE, PAD_FILE, READER_FILE
 from belief.constraints import NotNegative, Positive
 from belief.files import claim_folder, ends_claims
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Pixels, Seed, check_arguments
@@ -213,6 +213,8 @@ def train_any_object(
             progress.console.print(words, highlight=False)
     reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
     reader.save(out / ANY_OBJECT_FILE)
+    if pad is not None:
+        pad.save(out / PAD_FILE)
     use = f"compare --sensor {out}" if pad is None else f"compare --pad FILE.toml --sensor {out}"
     print(f"wrote {out / ANY_OBJECT_FILE}; {out} is a sensor for any objects: {use}")
     return reader

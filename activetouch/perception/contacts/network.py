@@ -123,8 +123,8 @@ def _convolutions(channels: int, widths: tuple[int, ...]) -> nn.Sequential:
 class TaxelConvNeXt(nn.Module):
     """A small ConvNeXt (Liu et al. 2022) of images ``(B, 1, n, n)`` on a raster, with a mask of where taxels are.
 
-    Each of the ``widths`` is a stage: a convolution that halves the image, and a block. It gives the averages over a
-    grid of cells, ``(B, widths[-1] · 16)``.
+    Each of the ``widths`` is a stage: a convolution that halves the image, and a block, but for the first. It gives the
+    averages over a grid of cells, ``(B, widths[-1] · 16)``.
     """
 
     mask: Tensor
@@ -134,7 +134,8 @@ class TaxelConvNeXt(nn.Module):
         self.register_buffer("mask", mask[None, None].float(), persistent=False)
         layers: list[nn.Module] = []
         for width_in, width_out in zip((2, *widths), widths, strict=False):
-            layers += [nn.Conv2d(width_in, width_out, 3, stride=2, padding=1), _Block(width_out)]
+            layers.append(nn.Conv2d(width_in, width_out, 3, stride=2, padding=1))
+            layers.append(_Block(width_out) if layers[1:] else nn.GELU())
         self.layers = nn.Sequential(*layers, _Averages(), nn.Flatten())
 
     def forward(self, images: Tensor) -> Tensor:
