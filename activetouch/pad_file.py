@@ -2,7 +2,7 @@
 
 >>> pad = pad_from({"grid": {"rows": 14, "columns": 6, "pitch_mm": 3.4}, "press": {"force": [1, 15]}})
 >>> pad.scene().image_shape
-(28, 28)
+(14, 14)
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ HELD_OUT = 200
 CHECKS = 4
 """Batches of held-out bodies for a report."""
 _SMALLEST_IN_HALF = 16  # edge of an image; in smaller ones, half precision gives NaN
-_REPORTED, _SAVED = 100, 500  # steps between reports, and between states on disk
+_REPORTED, _SAVED = 100, 100  # steps between reports, and between states on disk
 _NAMES = ("contrast", "cross-entropy", "accuracy")
 _STATE = "state.safetensors"
 
@@ -69,7 +69,7 @@ class ContactRecipe:
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         if imaging.described is not None:  # its image network is a ConvNeXt of these widths
             few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "dense": 256, "embedding": 64, "bf16": False}
-            few |= {"groups": 16, "steps": 1800, "bodies": 4000, "learning_rate": 2e-3}
+            few |= {"groups": 16, "steps": 3000, "bodies": 4000, "learning_rate": 2e-3}
         return cls(**few | changes)
 
     def network(self, imaging: Imaging) -> ContactReader:

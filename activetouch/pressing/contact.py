@@ -89,7 +89,7 @@ class Pad(Checked):
 
         >>> from activetouch import Taxels
         >>> Pad.described(Taxels.grid(14, 6, 0.0034)).num_taxels
-        56
+        42
         """
         points = -(-_FEWEST_POINTS // layout.raster) * layout.raster
         return cls(layout.half_width, num_taxels=points, stiffness=stiffness, max_depth=max_depth, layout=layout)

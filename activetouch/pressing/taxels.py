@@ -2,7 +2,7 @@
 
 >>> hand = Taxels.grid(14, 6, 0.0034)
 >>> len(hand.centres), round(hand.half_width, 4), hand.raster
-(84, 0.0238, 28)
+(84, 0.0238, 14)
 >>> len(Taxels.grid(3, 3, 0.004, mask=["#.#", "###", "#.#"]).centres)
 7
 """
@@ -29,7 +29,8 @@ MOST_TAXELS = 16_384
 """Largest number of taxels of a pad."""
 _REACH = 0.58  # of the pitch, from a taxel along y and z: half the diagonal of a hexagon
 _STEEPEST = 0.25  # least part of a normal along the approach axis
-_FEWEST, _USUAL, _FINEST = 16, 32, 256  # pixels along the edge of a raster
+_FEWEST, _USUAL, _FINEST = 12, 32, 256  # pixels along the edge of a raster
+_FINE = 2  # pixels for a pitch, where taxels lie on no grid of pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,17 +136,18 @@ class Taxels(FrozenArrays):
     def raster(self) -> int:
         """Pixels along the edge of the square in which images show the pad; each taxel has at least one."""
         across = max(1, round(2 * self.half_width / self.pitch))
-        pixels = across * ceil(_FEWEST / across) if across <= _USUAL else _USUAL * ceil(across / _USUAL)
-        if across < _FEWEST and pixels < 2 * across:
-            pixels = 2 * across  # columns may lie between the pixels of as many rows
-        while np.unique(owners(self, pixels)).searchsorted(len(self)) < len(self):
-            pixels *= 2
+        step = across if across <= _USUAL else _USUAL
+        pixels = step * ceil(max(_FEWEST, across) / step)
+        while True:
+            counts = np.bincount(owners(self, pixels), minlength=len(self) + 1)[: len(self)]
+            if counts.min() == counts.max() or (counts.min() > 0 and pixels >= _FINE * across):
+                return pixels
+            pixels += step
             if pixels > _FINEST:
                 raise InvalidArgument(
                     f"taxels are too close to each other for images of {_FINEST} × {_FINEST} pixels: some lie in one "
                     "pixel, or behind each other"
                 )
-        return pixels
 
     def shown(self, values: NDArray[np.floating], pixels: int | None = None) -> NDArray[np.floating]:
         """Values of the taxels ``(..., N)`` as images ``(..., m, m)``, 0 beside them; m = ``pixels`` or the raster."""

@@ -100,7 +100,7 @@ def test_an_image_of_readings():
     pad = PadDescription(TAXELS, is_relative=True, dead=(0,))
     readings = np.arange(84) * 7.0
     image = pad.image(readings)
-    assert image.shape == (28, 28)
+    assert image.shape == (14, 14)
     assert image.dtype == np.uint8
     assert image.max() == 255
     for wrong in (readings[:5], -readings, readings * np.nan):
@@ -115,5 +115,5 @@ def test_a_scene_presses_the_pad():
     for share in (None, np.zeros(7), np.ones(7)):
         scene = pad.scene(share=share)
         image = scene.press(scene.sample_object(0, rng), 0, rng).image
-        assert image.shape == scene.image_shape == (28, 28)
+        assert image.shape == scene.image_shape == (14, 14)
         assert image.any()
