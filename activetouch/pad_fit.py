@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr
 
 from activetouch.pad_file import PadDescription
 from activetouch.pressing.contact import Pad
@@ -30,13 +31,18 @@ _FEWEST = 4
 _FITTED = ("stiffness", "law", "blur", "crosstalk", "gain")
 _STARTS, _REFINED = 12, 3  # responses that a fit starts from, and of these the best that it ends with
 _STEPS, _FIRST_STEPS = 40, 6
-_TRIES, _CLOSE = 8, 1e-5  # of a step, and the relative change of the loss that ends a fit
+_PASSES = 3  # of a fit, each with the noise that the one before found, and without taxels that it found dead or odd
+_TRIES, _CLOSE = 8, 1e-6  # of a step, and the relative change of the loss that ends a fit
 _PRIOR = 12.0  # inverse variance of a share of a range, before anything is known
-_SMALL = 1e-4  # change of a parameter for a derivative, in parts of its range
+_SMALL = 1e-2  # change of a parameter for a derivative, in parts of its range
 _QUANTILE = 1.645  # of a 90 % interval
+_DEPENDENT = 2.0  # factor on standard errors, because the readings of one press share their errors
+_FLOORS = {"stiffness": 0.02, "law": 0.01}  # least standard errors: of the logarithm of the stiffness, and of the law
 _ODD, _SURE = 0.25, 4.0  # difference of a taxel's gain from 1 that counts, and in its standard errors
+_SILENT = -12.0  # log probability of reading nothing in all presses below which a taxel is dead
 _SEEN = 3  # presses that a taxel must have felt to be judged
 _LEAST_NOISE = 0.002  # of full scale: half a step of 8 bits
+_UNMODELLED = 0.02  # part of a reading by which points, triangles and the elastic law may be off
 _OUTLIER = 4.0  # standard deviations beyond which a reading counts less
 _TOGETHER = 0.9  # correlation beyond which two numbers are not told apart
 _WIDE = 0.6  # part of the range that an interval keeps, where nothing was learned
@@ -188,15 +194,19 @@ def fit_pad(pad: PadDescription, presses: BallPresses) -> PadFit:
     largest = presses.readings.max(axis=1, keepdims=True)
     if not pad.is_relative and largest.max() > 1.0:
         raise InvalidArgument(f"readings must be at most 1, full scale, got {largest.max():g}")
-    problem = _Problem(pad, presses, presses.readings / largest if pad.is_relative else presses.readings)
+    low, high = pad.response.noise.support
+    read = presses.readings / largest if pad.is_relative else presses.readings
+    problem = _Problem(pad, presses, read, max((low + high) / 2, _LEAST_NOISE))
     is_used = ~np.isin(np.arange(len(pad.taxels)), pad.dead)
-    found, dead, odd = problem.solved(is_used), (), {}
-    for _ in range(3):
+    found, dead = problem.solved(is_used), tuple[int, ...]()
+    odd: dict[int, float] = {}
+    for _ in range(_PASSES):
         dead, odd = problem.judged(found)
         is_now = is_used & ~np.isin(np.arange(len(is_used)), [*dead, *odd])
-        if (is_now == found.is_used).all() or is_now.sum() < 3:
+        if is_now.sum() < _SEEN:
             break
-        found = problem.solved(is_now, found.numbers)
+        problem = replace(problem, noise=found.noise)
+        found = problem.descended(found.numbers, found.local, is_now, _STEPS)
     return problem.fit(found, tuple(dead), odd)
 
 
@@ -219,6 +229,7 @@ class _Problem:
     pad: PadDescription
     presses: BallPresses
     read: Floats
+    noise: float
 
     @property
     def names(self) -> list[str]:
@@ -249,9 +260,9 @@ class _Problem:
         return np.asarray(found * np.exp(local[:, 2:]) if pad.is_relative else found)
 
     def residuals(self, expected: Floats, is_used: NDArray[np.bool_]) -> Floats:
-        """Differences of readings ``(n, N)``; 0 where a taxel reads nothing and should be below the threshold."""
-        differs = self.read - expected
-        differs = np.where(self.read > 0.0, differs, np.minimum(self.threshold - expected, 0.0))
+        """Differences of readings ``(n, N)``; their squares are log probabilities, also of reading nothing."""
+        below = log_ndtr((self.threshold - expected) / self.noise)
+        differs = np.where(self.read > 0.0, self.read - expected, -self.noise * np.sqrt(-2.0 * below))
         full = self.read >= 1.0 - 1e-9
         if not self.pad.is_relative:
             differs = np.where(full, np.maximum(differs, 0.0), differs)
@@ -263,16 +274,15 @@ class _Problem:
         places = weights @ self.pad.taxels.centres[:, 1:] / self.pad.taxels.pitch
         return np.hstack([places, np.zeros((len(places), 1))]) if self.pad.is_relative else places
 
-    def solved(self, is_used: NDArray[np.bool_], start: Floats | None = None) -> _Solution:
+    def solved(self, is_used: NDArray[np.bool_]) -> _Solution:
         """The best of several starts."""
-        number = len(self.names)
-        if start is not None or number == 0:
-            return self._descended(np.full(0, 0.5) if start is None else start, self.start(), is_used, _STEPS)
+        if not self.names:
+            return self.descended(np.zeros(0), self.start(), is_used, _STEPS)
         spread = self.pad.response.spread(_STARTS)
         shares = np.stack([self._share(name, spread[name]) for name in self.names], axis=1)
-        first = [self._descended(one, self.start(), is_used, _FIRST_STEPS) for one in shares]
+        first = [self.descended(one, self.start(), is_used, _FIRST_STEPS) for one in shares]
         best = sorted(first, key=lambda one: one.loss)[:_REFINED]
-        return min((self._descended(one.numbers, one.local, is_used, _STEPS) for one in best), key=lambda one: one.loss)
+        return min((self.descended(one.numbers, one.local, is_used, _STEPS) for one in best), key=lambda one: one.loss)
 
     def _share(self, name: str, values: Floats) -> Floats:
         low, high = self.pad.response.ranges()[name]
@@ -280,12 +290,12 @@ class _Problem:
             return np.asarray(np.log(values / low) / math.log(high / low))
         return np.asarray((values - low) / (high - low))
 
-    def _descended(self, shares: Floats, local: Floats, is_used: NDArray[np.bool_], steps: int) -> _Solution:
+    def descended(self, shares: Floats, local: Floats, is_used: NDArray[np.bool_], steps: int) -> _Solution:
         """Levenberg-Marquardt, in which the presses share only the numbers of the response."""
         damping, differs = 1e-2, self.residuals(self.expected(shares, local), is_used)
         loss = self._loss(differs, shares)
         for _ in range(steps):
-            a, b, c, right, own = self._normal(shares, local, differs, is_used, self._scale)
+            a, b, c, right, own = self._normal(shares, local, differs, is_used, self.noise)
             for _ in range(_TRIES):
                 inverse = np.linalg.inv(c * (1.0 + damping * np.eye(local.shape[1])))
                 schur = a * (1.0 + damping * np.eye(len(shares))) - np.einsum("npl,nlk,nqk->pq", b, inverse, b)
@@ -306,7 +316,7 @@ class _Problem:
             if is_done:
                 break
         sigma = self._noise(differs)
-        a, b, c, *_ = self._normal(shares, local, differs, is_used, sigma)
+        a, b, c, *_ = self._normal(shares, local, differs, is_used, max(sigma, self.noise))
         covariance = np.linalg.inv(a - np.einsum("npl,nlk,nqk->pq", b, np.linalg.inv(c), b))
         return _Solution(shares, local, sigma, loss, covariance, is_used)
 
@@ -315,7 +325,8 @@ class _Problem:
     ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Of the normal equations: the blocks of the shares, of both, and of each press, and both right-hand sides."""
         of_shares, of_local = self._derivatives(shares, local, is_used)
-        weights = 1.0 / (1.0 + (differs / (_OUTLIER * sigma)) ** 2) / sigma**2
+        spread = self._spread(sigma)
+        weights = 1.0 / (1.0 + (differs / (_OUTLIER * spread)) ** 2) / spread**2
         a = np.einsum("ntp,nt,ntq->pq", of_shares, weights, of_shares) + _PRIOR * np.eye(len(shares))
         b = np.einsum("ntp,nt,ntl->npl", of_shares, weights, of_local)
         c = np.einsum("ntk,nt,ntl->nkl", of_local, weights, of_local) + 1e-2 * np.eye(local.shape[1])
@@ -324,18 +335,16 @@ class _Problem:
 
     def _loss(self, differs: Floats, shares: Floats) -> float:
         """Robust squares, in which outliers count less; the same noise for all, so that losses compare."""
-        scale = self._scale
-        robust = _OUTLIER**2 * np.log1p((differs / (_OUTLIER * scale)) ** 2)
+        robust = _OUTLIER**2 * np.log1p((differs / (_OUTLIER * self._spread(self.noise))) ** 2)
         return float(robust.sum() + _PRIOR * ((shares - 0.5) ** 2).sum())
 
-    @property
-    def _scale(self) -> float:
-        low, high = self.pad.response.noise.support
-        return max((low + high) / 2, _LEAST_NOISE)
+    def _spread(self, sigma: float) -> Floats:
+        """Standard deviations of the differences ``(n, N)``."""
+        return np.asarray(np.hypot(sigma, _UNMODELLED * self.read))
 
     def _noise(self, differs: Floats) -> float:
         """Standard deviation of the readings, from those that count, robustly."""
-        counted = np.abs(differs[differs != 0.0])
+        counted = np.abs(differs[(self.read > 0.0) & (differs != 0.0)])
         if not counted.size:
             return _LEAST_NOISE
         spent = 1.0 - min(0.5, (len(self.names) + self.start().size) / counted.size)
@@ -363,13 +372,15 @@ class _Problem:
             low, high = self.pad.response.law.support
             law = low + (high - low) * found.numbers[self.names.index("law")]
         dead, odd = [], {}
+        silent = log_ndtr((self.threshold - expected) / np.hypot(found.noise, _UNMODELLED * expected)).sum(axis=0)
         for taxel in np.flatnonzero(~np.isin(np.arange(expected.shape[1]), self.pad.dead)).tolist():
             rows = expected[:, taxel] > self.threshold + _SURE * found.noise
             should, reads = expected[rows, taxel], self.read[rows, taxel]
-            if rows.sum() < _SEEN:
+            if not self.read[:, taxel].any():
+                if silent[taxel] < _SILENT:
+                    dead.append(taxel)
                 continue
-            if not reads.any():
-                dead.append(taxel)
+            if rows.sum() < _SEEN:
                 continue
             factor = float((should @ reads) / (should @ should))
             error = float(max(np.std(reads - factor * should), found.noise) / math.sqrt(should @ should))
@@ -377,10 +388,16 @@ class _Problem:
                 odd[taxel] = round(factor ** (1.0 / law), 3)
         return tuple(dead), odd
 
+    def _floor(self, name: str) -> float:
+        """Least standard error of a number, as a share of its range."""
+        low, high = self.pad.response.ranges()[name]
+        return _FLOORS.get(name, 0.0) / (math.log(high / low) if name == "stiffness" else high - low)
+
     def fit(self, found: _Solution, dead: tuple[int, ...], odd: dict[int, float]) -> PadFit:
         """The result in the units of the description."""
         numbers, unclear, ranges = {}, [], self.pad.response.ranges()
-        errors = np.sqrt(np.diag(found.covariance))
+        plain = np.sqrt(np.diag(found.covariance))
+        errors = np.hypot(_DEPENDENT * plain, [self._floor(name) for name in self.names])
         for place, (name, share, error) in enumerate(zip(self.names, found.numbers, errors, strict=True)):
             ends = np.clip([share, share - _QUANTILE * error, share + _QUANTILE * error], 0.0, 1.0)
             at = np.full((3, 7), 0.5)
@@ -389,7 +406,7 @@ class _Problem:
             if ends[2] - ends[1] > _WIDE:
                 unclear.append(f"{name}: these presses say almost nothing of it")
             for other in range(place):
-                both = found.covariance[place, other] / (errors[place] * errors[other])
+                both = found.covariance[place, other] / (plain[place] * plain[other])
                 if abs(both) > _TOGETHER:
                     unclear.append(
                         f"{self.names[other]} and {name} are not told apart (correlation {both:+.2f}): presses with "

@@ -69,7 +69,15 @@ class ContactRecipe:
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         if imaging.described is not None:  # its image network is a ConvNeXt of these widths
             few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "dense": 256, "embedding": 64, "bf16": False}
-            few |= {"groups": 16, "steps": 3000, "bodies": 4000, "learning_rate": 2e-3}
+            few |= {
+                "groups": 8,
+                "touches": 24,
+                "others": 48,
+                "steps": 6000,
+                "bodies": 4000,
+                "learning_rate": 2e-3,
+                "warmup": 50,
+            }
         return cls(**few | changes)
 
     def network(self, imaging: Imaging) -> ContactReader:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.pad_file import PadDescription, pad_from
+from activetouch.pressing.contact import Quasistatic
 from activetouch.rendering.response import TaxelRenderer, TaxelResponse
 from activetouch.scene import Scene
 from activetouch.solids.vectors import Floats
@@ -75,12 +76,15 @@ def has_pad(pad: PadDescription, scene: Scene) -> bool:
     """Whether a scene has the pad of a description, with a response within its ranges."""
     if scene.hand is not None or len(scene.faults) != 1:
         return False
-    own, [felt] = pad.scene(scene), scene.faults
-    if (own.press_model, own.pad, own.renderer) != (scene.press_model, scene.pad, TaxelRenderer(pad.full_scale)):
+    [felt], own, here, shown = scene.faults, pad.pad, scene.pad, scene.renderer
+    if not (isinstance(felt, TaxelResponse) and isinstance(shown, TaxelRenderer)):
         return False
-    if scene.renderer != own.renderer or not isinstance(felt, TaxelResponse) or felt.taxels != pad.taxels:
+    if scene.press_model != Quasistatic() or not pad.taxels == here.layout == felt.taxels:
         return False
-    if (felt.is_relative, felt.dead) != (pad.is_relative, pad.dead):
+    if (felt.is_relative, felt.dead, here.num_taxels) != (pad.is_relative, pad.dead, own.num_taxels):
+        return False
+    wanted = (own.half_width, own.max_depth, pad.full_scale)
+    if not np.allclose((here.half_width, here.max_depth, shown.full_scale), wanted, rtol=_SLACK, atol=0.0):
         return False
     for name, (low, high) in pad.response.ranges().items():
         given = [getattr(felt, name, 0.0)]

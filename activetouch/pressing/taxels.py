@@ -108,8 +108,9 @@ class Taxels(FrozenArrays):
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the layout."""
-        return array_digest({"centres": self.centres, "normals": self.normals, "area": np.array(self.area)})
+        """Digest of the layout, to a nanometre, as files have it."""
+        centres, normals = self.centres.round(9) + 0.0, self.normals.round(6) + 0.0
+        return array_digest({"centres": centres, "normals": normals, "area": np.array(float(f"{self.area:.6g}"))})
 
     def __eq__(self, other: object) -> bool:
         return self.digest == other.digest if isinstance(other, Taxels) else NotImplemented

@@ -98,7 +98,7 @@ class Train:
     recipe: Literal["contacts", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
-    """Steps of 512 or more touches of random bodies, for a reader of any object; 7500, of a described pad 3000."""
+    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of a described pad 6000."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where a reader of any object is trained."""
     change: Changes = field(default_factory=Changes)
