@@ -148,14 +148,14 @@ class PadDescription:
             },
         }
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the description as TOML, as :func:`read_pad` reads it."""
         entries = self.entries()
         tables = {name: part for name, part in entries.items() if isinstance(part, dict)}
         lines = [f"{name} = {json.dumps(part)}" for name, part in entries.items() if name not in tables]
         for table, parts in tables.items():
             lines += [f"\n[{table}]", *(f"{name} = {json.dumps(part)}" for name, part in parts.items())]
-        write_text(path, "\n".join(lines) + "\n")
+        write_text(Path(path), "\n".join(lines) + "\n")
 
 
 def _rounded(number: float) -> float:

@@ -50,7 +50,7 @@ def simulated(
     return BallPresses(RADIUS, np.array(readings), np.array(forces))
 
 
-def fitted(number: int, presses: int, seed: int = 0) -> tuple[dict[str, float], int, PadFit]:
+def fitted(number: int, presses: int, seed: int) -> tuple[dict[str, float], int, PadFit]:
     """The true response of a simulated pad, its dead taxel, and the fit."""
     rng = np.random.default_rng([seed, number])
     layout = LAYOUTS[number % len(LAYOUTS)]
@@ -66,10 +66,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pads", type=int, default=30)
     parser.add_argument("--presses", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     inside, widths, found_dead = defaultdict(list), defaultdict(list), []
     for number in range(given.pads):
-        truth, dead, fit = fitted(number, given.presses)
+        truth, dead, fit = fitted(number, given.presses, given.seed)
         found_dead.append(dead in fit.dead)
         for name, one in fit.numbers.items():
             inside[name].append(one.low <= truth[name] <= one.high)
