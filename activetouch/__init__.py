@@ -23,7 +23,10 @@ from belief.naming import later
 
 if TYPE_CHECKING:
     from activetouch.mesh_source import read_meshes
+    from activetouch.pad_file import PadDescription, read_pad
     from activetouch.pressing.height_maps import Window, predicted_contacts
+    from activetouch.pressing.taxels import Taxels
+    from activetouch.rendering.response import Response
     from activetouch.sensor import RecordedSensor, Sensor, TactileSensor
     from activetouch.world import TouchWorld
 
@@ -42,11 +45,14 @@ __all__ = [
     "SCENES",
     "SHAPES",
     "Dynamic",
+    "PadDescription",
     "Quasistatic",
     "RecordedSensor",
+    "Response",
     "Scene",
     "Sensor",
     "TactileSensor",
+    "Taxels",
     "TouchWorld",
     "Window",
     "calibration_report",
@@ -59,6 +65,7 @@ __all__ = [
     "on_cluster",
     "predicted_contacts",
     "read_meshes",
+    "read_pad",
 ]
 
 

@@ -149,6 +149,8 @@ class Scene:
                 f"moves must be Moves(), and a hand must close by Closing(), in which objects turn; got {self.moves!r} "
                 f"and {self.press_model!r}"
             )
+        if self.pad.layout is not None and getattr(self.press_model, "moves", False):
+            raise InvalidArgument(f"a pad with a layout is pressed by Quasistatic(), not by {self.press_model!r:.80}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)

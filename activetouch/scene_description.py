@@ -159,8 +159,10 @@ def _state(value: Any, depth: int) -> dict[str, Any]:
     if isinstance(value, partial):
         return {name: described(getattr(value, name), depth + 1) for name in ("func", "args", "keywords")}
     if is_dataclass(value):
-        named = [field.name for field in fields(value) if field.metadata.get("changes_touches", True)]
-        return {name: described(getattr(value, name), depth + 1) for name in named}
+        named = [field for field in fields(value) if field.metadata.get("changes_touches", True)]
+        found = {field.name: getattr(value, field.name) for field in named}
+        absent = {field.name for field in named if field.metadata.get("is_optional") and found[field.name] is None}
+        return {name: described(part, depth + 1) for name, part in found.items() if name not in absent}
     if "__repr__" in {name for part in type(value).__mro__[:-1] for name in vars(part)}:
         return {"repr": repr(value)}
     cached = {name for part in type(value).__mro__ for name, m in vars(part).items() if isinstance(m, cached_property)}

@@ -20,6 +20,7 @@ from belief.observation_model.registry import read_observation_model, read_origi
 
 MODELS = Path(__file__).parent / "models"
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know
+PAD_FILE = "pad.toml"  # description of the pad that a reader of any object was trained for
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
 INDEPENDENT_SUFFIX = "-independent"  # suffix of the shipped sensor that reads shapes only

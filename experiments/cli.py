@@ -40,6 +40,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Make a sensor or a policy": {
         "collect": Command("sensor.collect", "Collect", "record touches of thousands of objects"),
         "train": Command("sensor.train", "Train", "train a classifier on a collection"),
+        "pad-fit": Command("sensor.pad_fit", "PadFitCommand", "fit your own pad to presses of one ball"),
         "calibrate": Command("sensor.calibrate", "Calibrate", "fit the observation model; evaluate on unseen objects"),
         "train-ppo": Command("ppo.train_ppo", "TrainPPO", "train PPO policies on a collection"),
     },

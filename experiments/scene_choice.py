@@ -99,6 +99,7 @@ def command(name: str, *words: object, **options: object) -> str:
 def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
     own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
+    own.append(choice.pad.stem if choice.pad else None)
     meshes: Iterable[str] = ()
     if choice.meshes:
         from activetouch.mesh_source import labelled_sources
@@ -198,6 +199,8 @@ class SceneChoice:
     """Deviation about each axis by which every touch misses its pose [degrees]."""
     off: Annotated[float | None, _MILLIMETRES, OPTIONAL] = None
     """Largest distance of an object's centre from the approach axis, along each axis, in every touch [mm]."""
+    pad: Annotated[Path | None, OPTIONAL] = None
+    """TOML description of your own pad, which touches the scene's objects, quasistatically; docs/your_own_pad.md."""
     full: bool = False
     """Also simulate what changes no touch: a finger behind the pad, and the other objects, parked on their guides."""
     robot: Literal["panda_allegro"] | None = None
@@ -274,6 +277,15 @@ class SceneChoice:
             raise InvalidArgument("--robot panda_allegro and --menagerie FOLDER, which has its models, go together")
         if self.full or self.robot is not None:
             scene = scene.with_surroundings(self.full, self.menagerie)
+        if self.pad is not None:
+            from activetouch.pad_file import read_pad  # other scenes do not need it
+
+            if self.hand or self.fidelity not in (None, "quasistatic") or self.renderer or self.full or self.robot:
+                raise InvalidArgument(
+                    "--pad is pressed quasistatically and shows its taxels; leave out --hand, --fidelity, --renderer, "
+                    "--full and --robot"
+                )
+            scene = read_pad(self.pad).scene(scene)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
         return replace(named, scene=scene, num_objects=num_objects)
 

@@ -180,6 +180,9 @@ def shift_sentences(shift: tuple[str, ...]) -> list[str]:
 
 
 def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene) -> str:
+    if isinstance(choice, SceneChoice) and choice.pad is not None:
+        train = command("train", pad=choice.pad, out=f"sensors/{choice.pad.stem}")
+        return f"Train one for this pad, and name it with --sensor:\n{train}"
     ready = _shipped_for(name, scene)
     if ready is not None and ready == name:
         return f"Leave out --sensor: the sensor that comes with the scene {ready} reads these objects."

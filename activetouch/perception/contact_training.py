@@ -10,16 +10,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch.utils.data import DataLoader
 
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
+from activetouch.perception.contacts.images import binned
 from activetouch.perception.contacts.network import ContactNetwork, ContactReader, ImageNetwork, losses
 from activetouch.perception.contacts.touches import Batches
 from activetouch.perception.export import exported
-from activetouch.perception.imaging import FEW_PIXELS, STATE_SIZE, Imaging
+from activetouch.perception.imaging import FEW_PIXELS, Imaging
 from activetouch.perception.learner import Learner, falling
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
 from activetouch.scene import Scene
@@ -31,7 +33,7 @@ HELD_OUT = 200
 CHECKS = 4
 """Batches of held-out bodies for a report."""
 _SMALLEST_IN_HALF = 16  # edge of an image; in smaller ones, half precision gives NaN
-_REPORTED, _SAVED = 100, 500  # steps between reports, and between states on disk
+_REPORTED, _SAVED = 100, 100  # steps between reports, and between states on disk
 _NAMES = ("contrast", "cross-entropy", "accuracy")
 _STATE = "state.safetensors"
 
@@ -65,7 +67,27 @@ class ContactRecipe:
     def of(cls, imaging: Imaging, **changes: Any) -> ContactRecipe:
         """The recipe for a sensor: images of few pixels need fewer convolutions, and more bodies in a batch."""
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
+        if imaging.described is not None:  # its image network is a ConvNeXt of these widths
+            few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "dense": 256, "embedding": 64, "bf16": False}
+            few |= {
+                "groups": 8,
+                "touches": 24,
+                "others": 48,
+                "steps": 6000,
+                "bodies": 4000,
+                "learning_rate": 2e-3,
+                "warmup": 50,
+            }
         return cls(**few | changes)
+
+    def network(self, imaging: Imaging) -> ContactReader:
+        """An untrained network for a sensor."""
+        mask = None
+        if imaging.described is not None:
+            taxels = imaging.description.taxels
+            mask = binned(torch.from_numpy(taxels.shown(np.ones(len(taxels), np.float32))[None]), imaging.pixels)[0]
+        parts = self.widths, self.image_widths, self.dense, self.embedding
+        return ContactReader(*parts, imaging.pixels, imaging.state_size, mask)
 
     def rate(self, step: int) -> float:
         """Learning rate of a step: linear rise, then a cosine to almost zero."""
@@ -81,7 +103,7 @@ class ContactTrainer:
     ) -> None:
         self.imaging, self.recipe, self.folder, self.device = imaging, recipe, folder, device
         torch.manual_seed(recipe.seed)
-        network = ContactReader(recipe.widths, recipe.image_widths, recipe.dense, recipe.embedding, imaging.pixels)
+        network = recipe.network(imaging)
         self.network = network.to(device)
         self._learner = Learner(network, weight_decay=1e-3)
         folder.mkdir(parents=True, exist_ok=True)
@@ -155,7 +177,7 @@ def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str
     network = network.cpu().float().eval()
     pixels, wide = imaging.pixels, imaging.wide_window.num_pixels
     images = torch.zeros((2, pixels, pixels), dtype=torch.uint8)
-    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(2, STATE_SIZE))
+    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(2, imaging.state_size))
     graph = exported(ImageNetwork(network), (images,), ({0: "batch"},), (INPUT,), OUTPUTS)
     others = exported(
         ContactNetwork(network), contacts, ({0: "number"}, {0: "number"}, {0: "worlds"}), CONTACTS, (EMBEDDING,)

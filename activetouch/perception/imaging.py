@@ -37,6 +37,7 @@ from belief.codec import from_fields
 from belief.constraints import Count, NotNegative, check
 
 if TYPE_CHECKING:
+    from activetouch.pad_file import PadDescription
     from activetouch.pressing.height_maps import Window
 
 Floats32 = NDArray[np.float32]
@@ -72,6 +73,7 @@ class SensorState(NamedTuple):
         hysteresis: amount by which all readings are too low, relative to full scale.
         dead, stuck: share of dead taxels, and of taxels at full scale, in each cell, ``(n, BROKEN, BROKEN)``.
         wide: 0 for the taxels of the sensor; k > 0 for taxels that are 2^k of the reader's pixels wide.
+        law, threshold, crosstalk: of the taxels of a described pad (:class:`activetouch.Response`).
     """
 
     stiffness: Floats32
@@ -84,20 +86,27 @@ class SensorState(NamedTuple):
     dead: Floats32
     stuck: Floats32
     wide: Floats32
+    law: Floats32
+    threshold: Floats32
+    crosstalk: Floats32
 
     @classmethod
     def nominal(cls, number: int) -> SensorState:
         """The nominal state of the sensor, ``number`` times."""
         ones, zeros = np.ones(number, np.float32), np.zeros(number, np.float32)
         cells = np.zeros((number, BROKEN, BROKEN), np.float32)
-        return cls(ones, ones, ones, ones, zeros, np.zeros((number, 2), np.float32), zeros, cells, cells, zeros)
+        shift = np.zeros((number, 2), np.float32)
+        parts = {"blur": zeros, "shift": shift, "hysteresis": zeros, "dead": cells, "stuck": cells, "wide": zeros}
+        return cls(ones, ones, ones, ones, **parts, law=ones, threshold=zeros, crosstalk=zeros)
 
-    def code(self) -> Floats32:
-        """As the network of contacts reads it, ``(n, STATE_SIZE)``."""
+    def code(self, of_response: bool = False) -> Floats32:
+        """As the network of contacts reads it, ``(n, STATE_SIZE)``; with the response of taxels, three numbers more."""
         numbers = (np.log2(self.stiffness), np.log2(self.force), np.log2(self.noise), 4 * np.log2(self.gain))
         others = (20 * self.blur, *(10 * self.shift.T), 20 * self.hysteresis)
         cells = [cells.reshape(len(cells), -1) for cells in (self.dead, self.stuck)]
         parts = [np.stack([*numbers, *others], axis=1), *cells, self.wide[:, None]]
+        if of_response:
+            parts.append(np.stack([2 * np.log2(self.law), 8 * self.threshold, 20 * self.crosstalk], axis=1))
         return np.concatenate(parts, axis=1).astype(np.float32)
 
 
@@ -115,6 +124,8 @@ class Imaging:
         samples: points along the edge of the pad at which the surface is computed; a multiple of ``pixels``.
         coarser: share of worlds whose sensor may have taxels two pixels wide.
         displaced: largest blur and largest shift of the image in training, in parts of the edge.
+        described: entries of the description of a pad (:mod:`activetouch.pad_file`), which then says what its sensor
+            may be like; ``pad`` is the square about it.
     """
 
     pad: Pad
@@ -130,6 +141,7 @@ class Imaging:
     coarser: NotNegative = 0.0
     noisier: NotNegative = LIMITS["noise"][1]
     displaced: tuple[NotNegative, NotNegative] = (LIMITS["blur"][1], LIMITS["shift"][1])
+    described: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         check(self)
@@ -142,6 +154,10 @@ class Imaging:
     @property
     def limits(self) -> dict[str, tuple[float, float]]:
         """Least and largest of the numbers of a :class:`SensorState` that the reader is trained with."""
+        if self.described is not None:
+            from activetouch.perception.described_pads import limits_of
+
+            return LIMITS | {"shift": (0.0, 0.0)} | limits_of(self.description)
         blur, shift = self.displaced
         return LIMITS | {"noise": (LIMITS["noise"][0], self.noisier), "blur": (0.0, blur), "shift": (-shift, shift)}
 
@@ -162,11 +178,46 @@ class Imaging:
     @property
     def contact_pixels(self) -> int:
         """Pixels along the edge of the pad in a predicted contact."""
-        return max(self.pixels, 16)
+        if self.described is not None:  # as many as there are taxels
+            return max(_FEWEST, min(self.pixels, round(2 * self.pad.half_width / self.description.taxels.pitch)))
+        return max(self.pixels, _FEWEST)
+
+    @property
+    def description(self) -> PadDescription:
+        """The description of a described pad."""
+        from activetouch.perception.described_pads import description_of
+
+        assert self.described is not None, "asked before"
+        return description_of(self.described)
+
+    @property
+    def state_size(self) -> int:
+        """Numbers that describe a state of the sensor to the network of contacts."""
+        return STATE_SIZE + 3 * (self.described is not None)
+
+    def code(self, states: SensorState) -> Floats32:
+        """States as the network of contacts reads them, ``(n, state_size)``."""
+        return states.code(self.described is not None)
+
+    @property
+    def face(self) -> Floats32 | None:
+        """How far a described pad reaches over the pixels of a predicted contact ``(W, W)`` [m]; None for the square.
+
+        It is ``-inf`` beside the pad.
+        """
+        if self.described is None:
+            return None
+        inner, total = self.contact_pixels, self.wide_window.num_pixels
+        face = self.description.taxels.face(inner).astype(np.float32)
+        return np.pad(face, (total - inner) // 2, constant_values=-np.inf)
 
     def fields(self) -> dict[str, Any]:
         """Its fields as JSON types."""
-        return asdict(self) | {"dead": None if self.dead is None else self.dead.astype(int).tolist()}
+        found = asdict(self) | {"dead": None if self.dead is None else self.dead.astype(int).tolist()}
+        del found["pad"]["layout"]
+        if self.described is None:
+            del found["described"]
+        return found
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Imaging:
@@ -174,14 +225,18 @@ class Imaging:
         return from_fields(cls, fields)
 
 
-def encoded(reached: Floats32, inner: int) -> Floats32:
+def encoded(reached: Floats32, inner: int, face: Floats32 | None = None) -> Floats32:
     """Predicted contacts as the network reads them: gaps behind the first contact, near and far, ``(n, 2, W, W)``.
 
-    ``reached (n, W, W)`` are height maps [m], with ``inner`` pixels along the edge of the pad in their middle.
+    ``reached (n, W, W)`` are height maps [m], with ``inner`` pixels along the edge of the pad in their middle, and
+    ``face (W, W)`` is :attr:`Imaging.face`.
     """
     margin = (reached.shape[-1] - inner) // 2
     middle = slice(margin, margin + inner)
-    first = reached[:, middle, middle].max(axis=(1, 2))
+    met = reached
+    if face is not None:  # only what the pad itself may meet
+        met, reached = reached + face, reached + np.where(np.isfinite(face), face, face[np.isfinite(face)].min())
+    first = met[:, middle, middle].max(axis=(1, 2))
     first = np.where(np.isfinite(first), first, reached.max(axis=(1, 2)))
     first = np.where(np.isfinite(first), first, 0.0)[:, None, None]
     gap = np.clip(np.where(np.isfinite(reached), first - reached, 0.02), -0.006, 0.008).astype(np.float32)
@@ -197,6 +252,7 @@ def regridded(shares: Floats32, edge: int) -> Floats32:
     return part @ shares @ part.T
 
 
+_FEWEST = 16  # pixels along the edge of the pad in a predicted contact
 _KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
 _OF_FAULTS = {"noise", "blur", "shift", "hysteresis"}
 _QUANTILES = 64
@@ -208,7 +264,7 @@ _TAXEL, _PART = 1.1, 0.3  # largest blur and shift of an image, in taxels; and t
 
 
 def imaging_of(scene: Scene) -> Imaging:
-    """The imaging of a scene's sensor."""
+    """The imaging of a scene's sensor, whose pad is the square."""
     if not isinstance(scene.renderer, PressureRenderer):
         raise WrongScene(f"a reader of any object reads images of pressure, not those of {scene.renderer!r}")
     taxels = scene.pad.num_taxels // scene.renderer.binning
@@ -231,6 +287,31 @@ def imaging_of(scene: Scene) -> Imaging:
     )
 
 
+def imaging_of_pad(pad: PadDescription) -> Imaging:
+    """The imaging of a described pad."""
+    from activetouch.perception.described_pads import largest_noise
+
+    raster, square = pad.taxels.raster, replace(pad.pad, layout=None)
+    return Imaging(
+        square,
+        raster,
+        max(number for number in range(1, SAMPLES + 1) if raster % number == 0),
+        pad.force,
+        0.0,
+        largest_noise(pad),
+        pad.offset,
+        samples=square.num_taxels,
+        displaced=(LIMITS["blur"][1], 0.0),
+        described=pad.entries(),
+    )
+
+
+def states_with(parts: Mapping[str, NDArray[np.floating]]) -> SensorState:
+    """States with some parts, each ``(n,)``, and otherwise nominal ones."""
+    found = {name: np.asarray(part, np.float32) for name, part in parts.items()}
+    return SensorState.nominal(len(next(iter(found.values()))))._replace(**found)
+
+
 def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
     """The state that a scene describes, clipped to the training of the reader, as arrays ``(1, ...)``."""
     found = _state(imaging, scene)
@@ -241,6 +322,10 @@ def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
 
 def _state(imaging: Imaging, scene: Scene) -> dict[str, Any]:
     """The state that a scene describes, not clipped."""
+    if imaging.described is not None:
+        from activetouch.perception.described_pads import state_in
+
+        return SensorState.nominal(1)._asdict() | state_in(imaging.description, scene)
     taxels, vary = scene.image_shape[0], scene.variation
     finer = imaging.taxels / taxels if imaging.pixels <= taxels else 1.0  # taxels are averaged in a pixel
     dead = _broken(scene, DeadTaxels, taxels)
@@ -258,12 +343,15 @@ def _state(imaging: Imaging, scene: Scene) -> dict[str, Any]:
         "dead": regridded(dead[None].astype(np.float32), BROKEN),
         "stuck": regridded(_broken(scene, StuckTaxels, taxels)[None].astype(np.float32), BROKEN),
         "wide": np.log2(max(imaging.pixels / taxels, 1.0)),
+        "law": 1.0,
+        "threshold": 0.0,
+        "crosstalk": 0.0,
     }
 
 
 def differs_from_training(imaging: Mapping[str, Any] | None, scene: Scene) -> bool:
     """Whether the sensor of a scene differs from that in the training of a reader of any object, or aims worse."""
-    if imaging is None or not isinstance(scene.renderer, PressureRenderer):
+    if imaging is None or "described" in imaging or not isinstance(scene.renderer, PressureRenderer):
         return False
     own = Imaging.from_fields(imaging)
     is_farther = max(np.abs(scene.variation.offset.support)) > own.offset * (1 + 1e-9)
@@ -275,6 +363,8 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
 
     Less noise than in the training is within the limits.
     """
+    if imaging.described is not None:
+        return _described_read(imaging.description, own, scene, here)
     same, state = list(OBJECTS), _state(imaging, scene)
     limits = imaging.limits.items()
     beyond = {name for name, (_, high) in limits if np.max(state[name]) > high + _ROUNDED}
@@ -300,6 +390,20 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
     if is_latent or max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
         free.append("offset")
     return found | {"variation": {**own["variation"], **{name: here["variation"][name] for name in free}}}
+
+
+def _described_read(
+    pad: PadDescription, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]
+) -> dict[str, Any]:
+    """:func:`fields_read` of a described pad."""
+    from activetouch.perception.described_pads import has_pad
+
+    parts = ("press_model", "pad", "renderer", "faults") if has_pad(pad, scene) else ()
+    found = {**own, **{name: here[name] for name in (*OBJECTS, *parts) if name in here}}
+    for name in {"aims", "families"} - here.keys():
+        found.pop(name, None)
+    free = {name: here["variation"][name] for name in ("size", "offset", "force", "stiffness")}
+    return found | {"variation": {**own["variation"], **free}}
 
 
 def _is_as_broken(imaging: Imaging, scene: Scene) -> bool:

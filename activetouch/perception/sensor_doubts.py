@@ -337,7 +337,7 @@ class SensorDoubts:
         self, touches: Sequence[Sequence[Touch]], maps: dict[int, Floats32], states: SensorState
     ) -> NDArray[np.float64]:
         """Log evidence of the touches of some objects in W states, ``(W,)``."""
-        codes, cell = states.code(), cell_of(_FEW)
+        codes, cell = self.imaging.code(states), cell_of(_FEW)
         embedded = {pose: self._hypotheses.embed(some, cell, codes) for pose, some in maps.items()}
         total = np.zeros(len(codes))
         for some in touches:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from activetouch.distributions import Bodies
 from activetouch.perception.cached_arrays import announced
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.imaging import BROKEN, Imaging, SensorState, sensor_state
+from activetouch.perception.described_pads import possible_pads
+from activetouch.perception.imaging import BROKEN, Imaging, SensorState, sensor_state, states_with
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
 from belief.errors import InvalidArgument
@@ -38,6 +39,7 @@ HYPOTHESES = 512
 _NOISES, _STIFFNESSES, _FORCES = (1.0, 1.6, 2.5), (1.0, 0.4, 0.65, 1.5), (1.0, 0.3, 0.55, 1.3)
 _ALONE = {"noise": (3.6, 6.0), "gain": (0.8, 1.2), "blur": (0.02, 0.05, 0.12, 0.25), "hysteresis": (0.04, 0.09)}
 _SHIFTS = 0.035, 0.075, 0.15, 0.25  # parts of the edge of the image
+_UNKNOWN = 0.005  # prior probability of a described pad that is like none of those that its description allows
 _SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
 
 
@@ -106,7 +108,7 @@ class EmbeddedWorlds:
 
     def _embedded(self, key: int | tuple[float, ...], scene: Scene, pose: int) -> NDArray[np.float16]:
         if key not in self._kept:
-            found = self.reader.embedded_in(scene, self._bodies, pose, self.states.code())
+            found = self.reader.embedded_in(scene, self._bodies, pose, self.reader.imaging.code(self.states))
             self._kept[key] = frozen(found.astype(np.float16))
         return self._kept[key]
 
@@ -139,5 +141,9 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):
         raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model")
+    if hypotheses.imaging.described is not None:
+        labels, parts = possible_pads(hypotheses.imaging.description)
+        prior, states = spread_prior(len(labels), (1.0 - _UNKNOWN) / (1 + len(labels)), _UNKNOWN), states_with(parts)
+        return SensorHealthModel(described, EmbeddedWorlds(hypotheses, scene, states), labels, prior)
     labels, states = changed_worlds(hypotheses.imaging, sensor_state(hypotheses.imaging, scene))
     return SensorHealthModel(described, EmbeddedWorlds(hypotheses, scene, states), labels, spread_prior(len(labels)))

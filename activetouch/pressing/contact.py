@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Protocol
@@ -23,24 +23,55 @@ from numpy.typing import NDArray
 from activetouch.poses import Placement, to_matrix
 from activetouch.solids.raster import foremost
 from activetouch.solids.solid import Floats, Shape
+from activetouch.solids.vectors import grid_centres
 from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Positive, Within, require_rule
 
 if TYPE_CHECKING:
     import mujoco
 
+_FEWEST_POINTS = 32  # along the edge of the square of a layout
+
+
+class Layout(Protocol):
+    """Where the taxels of a pad are (:class:`activetouch.Taxels`)."""
+
+    @property
+    def normals(self) -> Floats:
+        """Unit vectors in which the N taxels feel, ``(N, 3)``."""
+
+    @property
+    def half_width(self) -> float:
+        """Half the edge of the square about the approach axis that has the pad inside [m]."""
+
+    @property
+    def raster(self) -> int:
+        """Pixels along the edge of that square in an image."""
+
+    def face(self, pixels: int) -> Floats:
+        """How far the layer reaches along x over the pixels of the square [m]; ``-inf`` beside the pad."""
+
+    def mean(self, maps: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Means of maps over the square ``(..., m, m)`` over the part of each of the N taxels, ``(..., N)``."""
+
+    def shown(self, values: NDArray[np.floating], pixels: int | None = None) -> NDArray[np.floating]:
+        """Values of the taxels ``(..., N)`` as images ``(..., m, m)`` of the square."""
+
 
 @dataclass(frozen=True)
 class Pad(Checked):
-    """A flat square pad in the plane x = 0, facing +x, centred on the approach axis.
+    """A pad that faces +x, centred on the approach axis: a flat square in the plane x = 0, unless a layout says else.
 
     Attributes:
-        half_width: half the edge of the sensing face [m]; the paper's pad is 30 × 30 mm.
+        half_width: half the edge of the sensing face, or of the square about a layout [m]; the paper's pad is 30 × 30
+            mm.
         half_thickness: half the thickness of the pad body [m].
         num_taxels: number of points along an edge; each is a taxel of the image unless the renderer bins them.
         stiffness: k of the elastic foundation [N/m³]; the default gives 1.5 mm under a 20 mm sphere at 2 N.
         max_depth: indentation at which the layer bottoms out, also the full scale of the image [m].
         contact_time: time constant of MuJoCo's soft contact [s]. It affects the motion, not the imprint.
         damping_ratio: of that contact; below 1 the object bounces.
+        layout: where the taxels of a described pad are (:meth:`described`); the layer ends with them. None for the
+            square, whose points are its taxels.
     """
 
     half_width: Positive = 0.015
@@ -50,18 +81,36 @@ class Pad(Checked):
     max_depth: Positive = 0.003
     contact_time: Positive = 0.04
     damping_ratio: NotNegative = 1.0
+    layout: Layout | None = field(default=None, metadata={"is_optional": True})
+
+    @classmethod
+    def described(cls, layout: Layout, stiffness: float = 1.45e7, max_depth: float = 0.003) -> Pad:
+        """The pad of a layout, on a square of at least 32 × 32 points, of which each taxel has some.
+
+        >>> from activetouch import Taxels
+        >>> Pad.described(Taxels.grid(14, 6, 0.0034)).num_taxels
+        42
+        """
+        points = -(-_FEWEST_POINTS // layout.raster) * layout.raster
+        return cls(layout.half_width, num_taxels=points, stiffness=stiffness, max_depth=max_depth, layout=layout)
+
+    @cached_property
+    def face(self) -> Floats | None:
+        """How far a layout reaches along x over each point, ``(num_taxels, num_taxels)`` [m]; None for the square.
+
+        It is ``-inf`` beside the layout.
+        """
+        return None if self.layout is None else self.layout.face(self.num_taxels)
 
     @property
     def taxel_area(self) -> float:
-        """Area of one taxel [m²]."""
+        """Area of one point [m²]."""
         return (2 * self.half_width / self.num_taxels) ** 2
 
     @cached_property
     def taxel_centres(self) -> Floats:
-        """Centres in the pad frame, ``(3, num_taxels²)`` [m]; rows of the image run along z, columns along y."""
-        edge = (np.arange(self.num_taxels) + 0.5) / self.num_taxels * 2 - 1
-        z, y = np.meshgrid(edge * self.half_width, edge * self.half_width, indexing="ij")
-        return np.stack([np.zeros(z.size), y.ravel(), z.ravel()])
+        """Centres of the points in the pad frame, ``(3, num_taxels²)`` [m]; rows run along z, columns along y."""
+        return grid_centres(self.num_taxels, self.num_taxels, 2 * self.half_width / self.num_taxels)
 
     def indentation(self, gap: Floats, force: float) -> float:
         """Depth δ of the deepest taxel under a normal force [N], ≥ 0, in ``[0, max_depth]`` [m].
@@ -217,9 +266,12 @@ def surface_gap(pad: Pad, placement: Placement) -> Floats:
 def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     """:func:`surface_gap`, and the distance of the object's centre from the pad [m], ``nan`` for a miss."""
     shape, turn = placement.shape, to_matrix(placement.orientation) * placement.scale
-    within = np.inf if shape.geom.presses == "surface" else pad.max_depth  # all of what a simulation takes a hull of
+    is_whole = shape.geom.presses == "surface" or pad.face is not None  # of which a simulation takes a hull
+    within = np.inf if is_whole else pad.max_depth
     pixel = 2 * pad.half_width / pad.num_taxels
     reached = foremost(shape.surface, turn, np.asarray(placement.offset), pixel, pad.num_taxels, within)
+    if pad.face is not None:
+        reached += pad.face
     touching = float(reached.max())
     return (touching - reached, touching) if np.isfinite(touching) else (-reached, np.nan)
 

@@ -123,6 +123,7 @@ class TactileSensor:
             independent: whether to use its model that takes touches as independent given the shape.
             unknown_state: whether the state of the sensor is inferred from its touches: forces, stiffness, noise,
                 broken taxels, a shifted or blurred image, hysteresis. Its reader of any object then reads all scenes.
+                A reader of a described pad always infers where the pad lies in the ranges of its description.
                 None: only where touches are odd for the sensor as described, which then reads with its own reader; it
                 needs both readers (:mod:`belief.observation_model.doubted_sensor`).
             nested: whether the belief is about nested cells of orientations, for hundreds of shapes, or how closely
@@ -157,6 +158,7 @@ class TactileSensor:
                 "proportions in the scene (--family), or leave out other_proportions"
             )
         reader = TactileReader.load(path).bound_to(scene)
+        unknown_state = unknown_state or (plan is None and _is_undecided(reader))
         if plan is not None:
             from activetouch.perception.many_bodies import nested_model
 
@@ -467,3 +469,13 @@ class TactileSensor:
         made = make_decider(certificate.decider, table, self.model)
         known = {"observation model": self.model, "outcome table": table}
         return certificate.wrap(made, self.certified_world(problem, targets, certificate.decider, made, known))
+
+
+def _is_undecided(reader: TactileReader) -> bool:
+    """Whether a reader is of a pad whose description leaves something open."""
+    entries = (reader.card.imaging or {}).get("described")
+    if entries is None:
+        return False
+    from activetouch.perception.described_pads import description_of, is_known  # other pads do not need it
+
+    return not is_known(description_of(entries))

@@ -22,3 +22,10 @@ def frame_across(direction: Floats) -> Floats:
     x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(x, direction)])
+
+
+def grid_centres(rows: int, columns: int, pitch: float) -> Floats:
+    """Centres of a flat grid about the approach axis, ``(3, rows · columns)`` [m]: rows along z, columns along y."""
+    edges = [((np.arange(n) + 0.5) / n * 2 - 1) * (n * pitch / 2) for n in (rows, columns)]
+    z, y = np.meshgrid(*edges, indexing="ij")
+    return np.stack([np.zeros(z.size), y.ravel(), z.ravel()])

@@ -27,6 +27,7 @@ NAV: dict[str, list[str]] = {
         "start.md",
         "install.md",
         "your_own_objects.md",
+        "your_own_pad.md",
         "your_classifier.md",
         "any_decision.md",
         "find.md",

@@ -24,7 +24,7 @@ from belief.validation import require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
-from experiments.meshes.setting import SIZES, model_of, plan_of, sensor_of
+from experiments.meshes.setting import SIZES, model_of, pad_of, plan_of, sensor_of
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import Comparison, played, prepared
 from experiments.search.play import Setting
@@ -253,6 +253,7 @@ class Find(MeshOptions):
             meshes=(folder,),
             only=True,
             family=("size={}..{}".format(*SIZES),),
+            pad=pad_of(self.sensor),
         )
         own = None if is_named else Path(self.sensor)
         rules: dict[str, Any] = {"composition": "at_most_one", "unlisted": self.unlisted, "prior": self.prior}

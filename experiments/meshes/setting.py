@@ -20,7 +20,7 @@ from activetouch.perception.contacts.views import ViewPlan, to_embed
 from activetouch.perception.many_bodies import PRESSED, TOUCHES, NestedPlan, is_fitted
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
-from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, PAD_FILE
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.errors import InvalidArgument
@@ -89,6 +89,10 @@ def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None)
 def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
     """The scene of a sensor with other bodies, pressed from 26 directions, whose sizes vary by 3 %."""
     own = SCENES[str(sensor)].scene if str(sensor) in SCENES else SCENES["gel"].scene
+    if (pad := pad_of(sensor)) is not None:
+        from activetouch.pad_file import read_pad
+
+        own = read_pad(pad).scene(own)
     varied = replace(own.variation, size=Uniform(*SIZES))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MeshWarning)  # the caller is told of twins in another way
@@ -98,6 +102,12 @@ def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
 def folder_of(sensor: str | Path) -> Path:
     """The folder of a shipped sensor by its name, or of another one."""
     return MODELS / str(sensor) if (MODELS / str(sensor)).is_dir() else Path(sensor)
+
+
+def pad_of(sensor: str | Path) -> Path | None:
+    """The file that describes the pad of a sensor; None where that is the square of a scene."""
+    path = folder_of(sensor) / PAD_FILE
+    return path if path.is_file() else None
 
 
 def reader_of(sensor: str | Path) -> Any:

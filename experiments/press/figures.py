@@ -43,6 +43,34 @@ def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path
             axes.set_title(name)
 
 
+def draw_taxels(title: str, view: NDArray[np.uint8], contact: Contact, image: NDArray[np.uint8], path: Path) -> None:
+    """Draw one press of a described pad: the scene, the height map, the pressure of the layer, and the readings."""
+    with figure((10, 3.1), path) as drawn:
+        scene, height_map, pressure, readings = drawn.subplots(1, 4)
+        drawn.suptitle(title)
+        scene.imshow(view)
+        scene.set_axis_off()
+        edge = 1e3 * contact.pad.half_width
+        extent = (-edge, edge, -edge, edge)
+        is_pad = np.isfinite(contact.pad.face) if contact.pad.face is not None else np.ones_like(contact.gap, bool)
+        taxels = contact.pad.layout
+        shown = image > 0 if taxels is None else taxels.shown(np.ones(len(taxels.normals)), len(image)) > 0
+        parts = (
+            (height_map, "behind the first contact [mm]", "viridis_r", 1e3 * contact.gap, is_pad),
+            (pressure, "pressure [kPa]", "magma", contact.pressure / 1e3, is_pad),
+            (readings, "readings", "magma", image / 255.0, shown),
+        )
+        for axes, name, colours, values, there in parts:
+            hidden = ~there | ~np.isfinite(values)
+            if axes is height_map:
+                hidden |= values > 1e3 * contact.pad.max_depth
+            picture = axes.imshow(np.ma.masked_array(values, hidden), cmap=colours, origin="lower", extent=extent)
+            axes.set_facecolor("0.9")
+            axes.set(xlabel="y [mm]")
+            drawn.colorbar(picture, ax=axes, location="bottom", label=name)
+        height_map.set_ylabel("z [mm]")
+
+
 def draw_grasp(title: str, view: NDArray[np.uint8], images: Sequence[NDArray[np.float64]], path: Path) -> None:
     """Draw one grasp: the hand, and the image of each finger."""
     with figure((7.2, 4.2), path, dpi=110) as drawn:

@@ -93,6 +93,7 @@ class TouchCommand:
         activetouch touch --scene paper --seed 3
         activetouch touch --all --out gallery.png
         activetouch touch --scene paper --presentation resampled --presses 10 --csv cone.csv --shape cone
+        activetouch touch --pad mine.toml --shape cube --out taxels.png
         activetouch touch --scene coarse --hand three_finger --view grasp.webp
         activetouch touch --scene coarse --hand allegro --menagerie mujoco_menagerie --out grasp.png
     """
@@ -140,6 +141,9 @@ class TouchCommand:
     def _press(self, scene: Scene, shape: str, pose: str) -> None:
         """Press objects, and draw or animate that."""
         from activetouch.view.picture import press_motion, press_picture
+
+        if scene.pad.layout is not None:
+            return self._taxels(scene, shape, pose)
         from experiments.press.figures import draw_gallery, draw_touch
 
         if self.all:
@@ -154,6 +158,28 @@ class TouchCommand:
         title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
         view = press_picture(scene.pad, placement, contact.depth, around)
         return draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
+
+    def _taxels(self, scene: Scene, shape: str, pose: str) -> None:
+        """Press an object on a described pad; draw and print what its taxels read."""
+        from activetouch.view.picture import press_picture
+        from experiments.press.figures import draw_taxels
+
+        if self.all or self.view is not None or self.csv is not None:
+            raise BadArgument("--pad draws one press into --out FILE; leave out --all, --view and --csv")
+        taxels, rng = scene.pad.layout, np.random.default_rng(self.seed)
+        assert taxels is not None, "asked before"
+        pressed = scene.press(scene.sample_object(shape, rng), pose, rng)
+        contact, readings = pressed.contact, taxels.mean(pressed.image / 255.0)
+        felt, place = int((readings > 0.0).sum()), 1e3 * contact.centre_of_pressure
+        lines = [
+            f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
+            + " (bottomed out)" * contact.is_bottomed_out,
+            f"{felt} of {len(readings)} taxels feel it; taxel {readings.argmax()} reads the most, {readings.max():.2f}",
+            f"centre of pressure: y = {place[0]:.1f} mm, z = {place[1]:.1f} mm",
+        ]
+        print("\n".join(lines))
+        view = press_picture(scene.pad, pressed.placement, contact.depth)
+        draw_taxels(lines[0], view, contact, pressed.image, self.out)
 
     def _grasp(self, scene: Scene, shape: str, pose: str, menagerie: Path | None) -> None:
         """Close the hand, or the Allegro hand of a copy of Menagerie, and draw or animate it."""

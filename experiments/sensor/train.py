@@ -12,11 +12,12 @@ import numpy as np
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import read_manifest
 from activetouch.extras import require_extra
+from activetouch.pad_file import PadDescription, read_pad
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.reader import TactileReader, resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
-from activetouch.sensor_files import ANY_OBJECT_FILE, READER_FILE
+from activetouch.sensor_files import ANY_OBJECT_FILE, PAD_FILE, READER_FILE
 from belief.constraints import NotNegative, Positive
 from belief.files import claim_folder, ends_claims
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Pixels, Seed, check_arguments
@@ -74,12 +75,15 @@ class Train:
         activetouch train --scene coarse
         activetouch train --scene gel --recipe contacts --steps 2000 --device cuda
         activetouch train --scene hard --recipe worn --change.focus cube cuboid wedge
+        activetouch train --pad mine.toml --out sensors/mine
         activetouch train --recipe paper --backbone tiny --weights imagenet
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
 
     scene: str = "gel"
     """Name of the scene, which gives the defaults of the next four."""
+    pad: Path | None = None
+    """TOML description of your own pad, for which a reader of any object is trained; docs/your_own_pad.md."""
     data: Path | None = None
     """Folder of the collection; data/SCENE by default."""
     out: Path | None = None
@@ -94,7 +98,7 @@ class Train:
     recipe: Literal["contacts", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
-    """Steps, each of 512 touches of random bodies, for a reader of any object; 8000 by default."""
+    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of a described pad 6000."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where a reader of any object is trained."""
     change: Changes = field(default_factory=Changes)
@@ -107,6 +111,11 @@ class Train:
         """Train to the end of the recipe and write the reader."""
         check_arguments(self)
         require_extra("train")
+        if self.pad is not None:
+            pad, out = read_pad(self.pad), self.out or training_folder(f"pad-{self.pad.stem}")
+            claim_folder(out)
+            train_any_object(pad.scene(), out, self.steps, self.change.seed, self.device, self.jobs, pad)
+            return
         named = named_scene(self.scene)
         if self.recipe == "contacts":
             if self.weights is not None:
@@ -174,18 +183,27 @@ def in_safe_precision(recipe: TrainingRecipe, input_size: int) -> TrainingRecipe
 
 
 def train_any_object(
-    scene: Scene, out: Path, steps: int | None = None, seed: int | None = None, device: str = "cpu", jobs: int = 1
+    scene: Scene,
+    out: Path,
+    steps: int | None = None,
+    seed: int | None = None,
+    device: str = "cpu",
+    jobs: int = 1,
+    pad: PadDescription | None = None,
 ) -> TactileReader:
-    """Train a reader of any object on random bodies, or continue; ``out`` gets it and the state of the training."""
+    """Train a reader of any object on random bodies, or continue; ``out`` gets it and the state of the training.
+
+    It reads the sensor of the scene, or of all pads that a description allows.
+    """
     import torch
 
     from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
-    from activetouch.perception.imaging import imaging_of
+    from activetouch.perception.imaging import imaging_of, imaging_of_pad
 
     if device == "cuda" and not torch.cuda.is_available():
         raise BadArgument(f"--device cuda: torch {torch.__version__} finds no GPU; leave it out to train on the CPU")
     torch.set_num_threads(max(1, jobs - 1))
-    imaging, changes = imaging_of(scene), {"steps": steps, "seed": seed}
+    imaging, changes = imaging_of(scene) if pad is None else imaging_of_pad(pad), {"steps": steps, "seed": seed}
     recipe = ContactRecipe.of(imaging, **{name: value for name, value in changes.items() if value is not None})
     trainer = ContactTrainer(imaging, recipe, out, device, workers=1 if jobs > 1 else 0)
     with progress_bar() as progress:
@@ -195,7 +213,10 @@ def train_any_object(
             progress.console.print(words, highlight=False)
     reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
     reader.save(out / ANY_OBJECT_FILE)
-    print(f"wrote {out / ANY_OBJECT_FILE}; {out} is a sensor for any objects: compare --sensor {out}")
+    if pad is not None:
+        pad.save(out / PAD_FILE)
+    use = f"compare --sensor {out}" if pad is None else f"compare --pad FILE.toml --sensor {out}"
+    print(f"wrote {out / ANY_OBJECT_FILE}; {out} is a sensor for any objects: {use}")
     return reader
 
 

@@ -85,7 +85,7 @@ class CloseContacts(BodySet):
         cls, reader: ContactHypotheses, scene: Scene, plan: ViewPlan, levels: tuple[int, ...], look: CloseLook
     ) -> CloseContacts:
         """The bodies of a scene, in the state of its sensor."""
-        code, solids = sensor_state(reader.imaging, scene).code(), scene.solids
+        code, solids = reader.imaging.code(sensor_state(reader.imaging, scene)), scene.solids
         own: dict[str, Any] = {"hypotheses": reader, "code": code, "solids": tuple(solids.values()), "look": look}
         return cls.of(reader, scene, solids, plan, levels=levels, **own)
 

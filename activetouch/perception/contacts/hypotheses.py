@@ -72,10 +72,10 @@ class ContactHypotheses:
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
         """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`."""
-        return self.embedded_in(scene, bodies, pose, sensor_state(self.imaging, scene).code())[0]
+        return self.embedded_in(scene, bodies, pose, self.imaging.code(sensor_state(self.imaging, scene)))[0]
 
     def embedded_in(self, scene: Scene, bodies: Bodies, pose: int, codes: Floats32) -> Floats32:
-        """Embeddings in one pose, for W states of the sensor with ``codes (W, STATE_SIZE)``, ``(W, K, N, D)``."""
+        """Embeddings in one pose, for W states of the sensor with ``codes (W, state_size)``, ``(W, K, N, D)``."""
         rotation, cell = scene.rotations[scene.pose_labels[pose]], cell_of(len(bodies.rests))
         window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
 
@@ -110,9 +110,9 @@ class ContactHypotheses:
     def embed(self, maps: Floats32, cell: float, codes: Floats32) -> Floats32:
         """Embeddings of predicted contacts ``(H, n, n)`` [m] in W states of the sensor, ``(W, H, D)``.
 
-        ``cell`` is the width of the orientations that a contact stands for [rad]; the codes are ``(W, STATE_SIZE)``.
+        ``cell`` is the width of the orientations that a contact stands for [rad]; the codes are ``(W, state_size)``.
         """
-        contacts = encoded(maps, self.imaging.contact_pixels)
+        contacts = encoded(maps, self.imaging.contact_pixels, self.imaging.face)
         cells = np.full(len(maps), cell, np.float32)
         given = dict(zip(CONTACTS, (contacts, cells, codes.astype(np.float32)), strict=True))
         found: Floats32 = session_of(self.network).run([EMBEDDING], given)[0]

@@ -8,7 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from activetouch.perception.described_pads import from_state
 from activetouch.perception.imaging import Imaging, SensorState, regridded
+from activetouch.rendering.response import respond
 
 _BISECTIONS = 18
 _REACH = 4.0  # standard deviations at which a blur ends
@@ -22,6 +24,8 @@ def images(
     ``reached (B, n, n)`` are height maps over ``imaging.window`` [m], ``-inf`` beside a body, and ``world (B,)`` in
     0 … W − 1 is the state of each touch. ``random`` draws forces, gains and noise, on the device of the maps.
     """
+    if imaging.described is not None:
+        return _of_taxels(imaging, reached, states, world, random)
     touches = _Touches(imaging, states, world, random)
     highest = reached.amax(dim=(1, 2))
     hit = torch.isfinite(highest)
@@ -34,6 +38,27 @@ def images(
     gain = touches.of(states.gain) * touches.uniform(1 - imaging.gain, 1 + imaging.gain)
     seen = (seen * gain[:, None, None] - touches.of(states.hysteresis)[:, None, None]).clamp_min(0.0)
     return touches.read(seen), hit
+
+
+def _of_taxels(
+    imaging: Imaging, reached: Tensor, states: SensorState, world: np.ndarray, random: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """:func:`images` of the taxels of a described pad."""
+    pad, touches = imaging.description, _Touches(imaging, states, world, random)
+    face = torch.from_numpy(pad.taxels.face(imaging.samples).astype(np.float32)).to(reached.device)
+    reached = reached + face
+    highest = reached.amax(dim=(1, 2))
+    hit = torch.isfinite(highest)
+    gap = torch.where(torch.isfinite(reached), torch.where(hit, highest, 0.0)[:, None, None] - reached, 1.0)
+    stiffness = touches.of(states.stiffness) * imaging.pad.stiffness
+    area = (2 * imaging.pad.half_width / imaging.samples) ** 2
+    load = touches.uniform(*imaging.force) * touches.of(states.force) / (stiffness * area)
+    pressure = _indentation(gap, load, imaging.pad.max_depth) * (stiffness / pad.full_scale)[:, None, None]
+    felt = pad.taxels.mean(pressure.cpu().numpy()) * pad.taxels.normals[:, 0]
+    rng = np.random.default_rng(int(torch.randint(1 << 62, (1,), generator=random, device=random.device)))
+    numbers = {name: values[world] for name, values in from_state(pad, states).items()}
+    readings = respond(pad.taxels, felt.astype(np.float32), numbers, rng, pad.is_relative, pad.dead)
+    return binned(torch.from_numpy(pad.taxels.shown(readings)).to(reached.device), imaging.pixels), hit
 
 
 class _Touches:
@@ -83,7 +108,7 @@ class _Touches:
     def felt(self, seen: Tensor, taxels: int) -> Tensor:
         imaging, states = self.imaging, self.states
         shown = min(taxels, imaging.samples)
-        values = _binned(seen, shown)
+        values = binned(seen, shown)
         std = self.of(states.noise)[:, None, None] * imaging.noise
         noise = torch.randn(values.shape, generator=self.random, device=values.device)
         if taxels > imaging.samples:  # a sample is many taxels wide
@@ -92,20 +117,25 @@ class _Touches:
         noisy = (values + std * noise).clamp(0.0, 1.0)
         dead, stuck = (self.of(regridded(cells, shown)) for cells in (states.dead, states.stuck))
         if imaging.dead is not None:
-            always = _binned(torch.from_numpy(imaging.dead[None].astype(np.float32)), shown)
+            always = binned(torch.from_numpy(imaging.dead[None].astype(np.float32)), shown)
             dead = (dead + always.to(dead.device)).clamp_max(1.0)
         noisy = noisy * (1 - dead) * (1 - stuck) + stuck
         if shown >= imaging.pixels:
-            return _binned(noisy, imaging.pixels)
+            return binned(noisy, imaging.pixels)
         times = imaging.pixels // shown
         return noisy.repeat_interleave(times, dim=1).repeat_interleave(times, dim=2)
 
 
-def encoded(reached: Tensor, inner: int) -> Tensor:
+def encoded(reached: Tensor, inner: int, face: np.ndarray | None = None) -> Tensor:
     """As :func:`activetouch.perception.imaging.encoded`, on any device."""
     margin = (reached.shape[-1] - inner) // 2
     middle = slice(margin, margin + inner)
-    first = reached[:, middle, middle].amax(dim=(1, 2))
+    met = reached
+    if face is not None:
+        over = torch.from_numpy(face).to(reached.device)
+        met = reached + over
+        reached = reached + torch.where(torch.isfinite(over), over, over[torch.isfinite(over)].min())
+    first = met[:, middle, middle].amax(dim=(1, 2))
     first = torch.where(torch.isfinite(first), first, reached.amax(dim=(1, 2)))
     first = torch.where(torch.isfinite(first), first, 0.0)[:, None, None]
     gap = torch.where(torch.isfinite(reached), first - reached, 0.02).clamp(-0.006, 0.008)
@@ -122,7 +152,8 @@ def _indentation(gap: Tensor, load: Tensor, deepest: float) -> Tensor:
     return (low[:, None, None] - gap).clamp_min(0.0)
 
 
-def _binned(maps: Tensor, edge: int) -> Tensor:
+def binned(maps: Tensor, edge: int) -> Tensor:
+    """Means of square blocks of maps ``(n, m, m)``: ``edge`` pixels along an edge."""
     n = maps.shape[-1] // edge
     return maps if n == 1 else maps.reshape(-1, edge, n, edge, n).mean(dim=(2, 4))
 

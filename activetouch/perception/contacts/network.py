@@ -23,18 +23,28 @@ class ContactReader(nn.Module):
     """The networks f and h, trained together; ``widths`` are channels of the convolutions of h, ``image_widths`` of f.
 
     Every other convolution halves the image. Images of few pixels have no convolutions, only the layers after them.
+    Those of described pads are read by a ConvNeXt, which also sees where taxels are, by a ``mask (n, n)``.
     """
 
     def __init__(
-        self, widths: tuple[int, ...], image_widths: tuple[int, ...], dense: int, embedding: int, pixels: int = 32
+        self,
+        widths: tuple[int, ...],
+        image_widths: tuple[int, ...],
+        dense: int,
+        embedding: int,
+        pixels: int = 32,
+        state_size: int = STATE_SIZE,
+        mask: Tensor | None = None,
     ) -> None:
         super().__init__()
-        is_small = pixels <= FEW_PIXELS
-        self.images = nn.Flatten() if is_small else _convolutions(1, image_widths)
+        is_small = pixels <= FEW_PIXELS and mask is None
+        self.images: nn.Module = nn.Flatten() if is_small else _convolutions(1, image_widths)
+        if mask is not None:
+            self.images = TaxelConvNeXt(mask, image_widths)
         self.contacts = _convolutions(2, widths)
         self.of_image = _Head(pixels**2 if is_small else image_widths[-1] * _CELLS**2, dense, embedding)
         self.of_contact = _Head(widths[-1] * _CELLS**2, dense, embedding)
-        self.of_world = nn.Linear(STATE_SIZE + 1, dense)
+        self.of_world = nn.Linear(state_size + 1, dense)
         nn.init.zeros_(self.of_world.weight)
         self.embedding, self._scale = embedding, 4 / math.sqrt(embedding)
 
@@ -108,6 +118,46 @@ def _convolutions(channels: int, widths: tuple[int, ...]) -> nn.Sequential:
     for number, (width_in, width_out) in enumerate(zip((channels, *widths), widths, strict=False)):
         layers += [nn.Conv2d(width_in, width_out, 3, stride=2 if number % 2 == 0 else 1, padding=1), nn.GELU()]
     return nn.Sequential(*layers, _Averages(), nn.Flatten())
+
+
+class TaxelConvNeXt(nn.Module):
+    """A small ConvNeXt (Liu et al. 2022) of images ``(B, 1, n, n)`` on a raster, with a mask of where taxels are.
+
+    Each of the ``widths`` is a stage: a convolution that halves the image, and a block, but for the first. It gives the
+    averages over a grid of cells, ``(B, widths[-1] · 16)``.
+    """
+
+    mask: Tensor
+
+    def __init__(self, mask: Tensor, widths: tuple[int, ...]) -> None:
+        super().__init__()
+        self.register_buffer("mask", mask[None, None].float(), persistent=False)
+        layers: list[nn.Module] = []
+        for width_in, width_out in zip((2, *widths), widths, strict=False):
+            layers.append(nn.Conv2d(width_in, width_out, 3, stride=2, padding=1))
+            layers.append(_Block(width_out) if layers[1:] else nn.GELU())
+        self.layers = nn.Sequential(*layers, _Averages(), nn.Flatten())
+
+    def forward(self, images: Tensor) -> Tensor:
+        """See the class."""
+        shown = self.mask.to(images.dtype).expand(images.shape[0], -1, -1, -1)
+        seen = torch.cat([images, shown], dim=1).contiguous(memory_format=torch.channels_last)
+        found: Tensor = self.layers(seen)
+        return found
+
+
+class _Block(nn.Module):
+    """A block of a ConvNeXt: a convolution of each channel, then dense layers over the channels, as a shortcut."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.spatial = nn.Conv2d(width, width, 5, padding=2, groups=width)
+        self.norm = nn.LayerNorm(width)
+        self.wide, self.narrow = nn.Linear(width, 4 * width), nn.Linear(4 * width, width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        seen = self.norm(self.spatial(x).permute(0, 2, 3, 1))
+        return x + self.narrow(nn.functional.gelu(self.wide(seen))).permute(0, 3, 1, 2)
 
 
 class _Averages(nn.Module):

@@ -21,7 +21,8 @@ from torch.utils.data import Dataset
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.device_heights import DeviceBodies
 from activetouch.perception.contacts.images import encoded, images
-from activetouch.perception.imaging import BROKEN, Imaging, SensorState
+from activetouch.perception.described_pads import to_state
+from activetouch.perception.imaging import BROKEN, Imaging, SensorState, states_with
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import heights
@@ -99,9 +100,9 @@ class Batches(Dataset[Batch]):
             maps = self._maps(chosen, turns, sizes, np.zeros((more, 2)), imaging.wide_window)
             predicted = torch.cat([predicted, maps])
             cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)))
-        arrays = cells.astype(np.float32), world, states.code(), np.arange(self.groups).repeat(self.touches)
+        arrays = cells.astype(np.float32), world, imaging.code(states), np.arange(self.groups).repeat(self.touches)
         given = [torch.from_numpy(part).to(self.device) for part in arrays]
-        return Batch(read, hit, encoded(predicted, imaging.contact_pixels), *given)
+        return Batch(read, hit, encoded(predicted, imaging.contact_pixels, imaging.face), *given)
 
     def _maps(self, chosen: NDArray[np.int64], turns: Floats, sizes: Floats, places: Floats, window: Window) -> Tensor:
         """Height maps over a window, body after body."""
@@ -122,7 +123,10 @@ class Batches(Dataset[Batch]):
 
 
 def drawn_worlds(rng: np.random.Generator, number: int, imaging: Imaging, usual: int) -> SensorState:
-    """Random states of a sensor; the first ``usual`` are nominal, because a sensor mostly is."""
+    """Random states of a sensor; the first ``usual`` are nominal, because a sensor mostly is (no described pad)."""
+    if imaging.described is not None:
+        pad = imaging.description
+        return states_with(to_state(pad, pad.response.drawn(number, rng)))
     limits = imaging.limits
     broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
     for world in range(number):

@@ -57,7 +57,7 @@ class ViewPlan(Checked):
 
 def embedded_views(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> Floats32:
     """Embeddings of a body in all views, ``(V, D)``, from the cache or new."""
-    code = sensor_state(reader.imaging, scene).code()
+    code = reader.imaging.code(sensor_state(reader.imaging, scene))
 
     def make() -> Floats32:
         quarter = plan.orientations.reshape(plan.directions, plan.rolls, 4)[:, : plan.rolls // 4].reshape(-1, 4)
@@ -86,7 +86,7 @@ def to_embed(reader: Any, scene: Scene, plan: ViewPlan) -> list[Shape]:
 def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> dict[str, Any]:
     return {
         "reader": reader.digest,
-        "state": (np.round(sensor_state(reader.imaging, scene).code(), _DECIMALS) + 0.0).tolist(),
+        "state": (np.round(reader.imaging.code(sensor_state(reader.imaging, scene)), _DECIMALS) + 0.0).tolist(),
         "views": [plan.directions, plan.rolls, plan.width],
         "body": described(solid),
     }

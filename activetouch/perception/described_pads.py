@@ -1,0 +1,111 @@
+"""What a described pad may be like, in the numbers of :class:`activetouch.perception.imaging.SensorState`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from activetouch.pad_file import PadDescription, pad_from
+from activetouch.pressing.contact import Quasistatic
+from activetouch.rendering.response import TaxelRenderer, TaxelResponse
+from activetouch.scene import Scene
+from activetouch.solids.vectors import Floats
+
+PADS = 23
+"""Pads, besides the middle one, that stand for all that a description allows."""
+_LEAST_NOISE = 1e-6
+_QUIET = 1 / 16  # least noise, in parts of the largest, of which the network reads the logarithm
+_SLACK = 1e-6
+_MIDDLE = np.full((1, 7), 0.5)
+
+
+def description_of(entries: Mapping[str, Any]) -> PadDescription:
+    """The description of a pad with these entries of its file."""
+    return _read(json.dumps(entries))
+
+
+@lru_cache(maxsize=16)
+def _read(text: str) -> PadDescription:
+    return pad_from(json.loads(text))
+
+
+def largest_noise(pad: PadDescription) -> float:
+    """Standard deviation of which the noise of a state is a part, relative to full scale."""
+    return max(pad.response.noise.support[1], _LEAST_NOISE)
+
+
+def to_state(pad: PadDescription, numbers: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Parts of states for numbers of the response, each ``(n,)`` (:meth:`activetouch.Response.at`)."""
+    square = pad.pad
+    return {
+        **numbers,
+        "stiffness": numbers["stiffness"] / square.stiffness,
+        "noise": np.maximum(numbers["noise"] / largest_noise(pad), _QUIET),
+        "blur": numbers["blur"] * pad.taxels.pitch / (2 * square.half_width),
+    }
+
+
+def from_state(pad: PadDescription, state: Any) -> dict[str, Any]:
+    """Numbers of the response without the stiffness, each ``(n,)``, of the parts of states."""
+    found = {name: getattr(state, name) for name in ("law", "threshold", "crosstalk", "gain")}
+    blur = state.blur * np.float32(2 * pad.taxels.half_width / pad.taxels.pitch)
+    return found | {"blur": blur, "noise": state.noise * np.float32(largest_noise(pad))}
+
+
+def limits_of(pad: PadDescription) -> dict[str, tuple[float, float]]:
+    """Least and largest parts of a state."""
+    ends = to_state(pad, pad.response.at(np.array([[0.0] * 7, [1.0] * 7])))
+    return {name: (float(low), float(high)) for name, (low, high) in ends.items()}
+
+
+def state_in(pad: PadDescription, scene: Scene) -> dict[str, Floats]:
+    """Parts of the state of a pad in a scene, each ``(1,)``; the middle where the scene has another pad."""
+    answers = [fault for fault in scene.faults if isinstance(fault, TaxelResponse)]
+    if not answers:
+        return to_state(pad, pad.response.at(_MIDDLE))
+    factor = float(np.mean(scene.variation.stiffness.support))
+    numbers = {name: np.array([getattr(answers[0], name)]) for name in pad.response.ranges() if name != "stiffness"}
+    return to_state(pad, numbers | {"stiffness": np.array([factor * scene.pad.stiffness])})
+
+
+def has_pad(pad: PadDescription, scene: Scene) -> bool:
+    """Whether a scene has the pad of a description, with a response within its ranges."""
+    if scene.hand is not None or len(scene.faults) != 1:
+        return False
+    [felt], own, here, shown = scene.faults, pad.pad, scene.pad, scene.renderer
+    if not (isinstance(felt, TaxelResponse) and isinstance(shown, TaxelRenderer)):
+        return False
+    if scene.press_model != Quasistatic() or not pad.taxels == here.layout == felt.taxels:
+        return False
+    if (felt.is_relative, felt.dead, here.num_taxels) != (pad.is_relative, pad.dead, own.num_taxels):
+        return False
+    wanted = (own.half_width, own.max_depth, pad.full_scale)
+    if not np.allclose((here.half_width, here.max_depth, shown.full_scale), wanted, rtol=_SLACK, atol=0.0):
+        return False
+    for name, (low, high) in pad.response.ranges().items():
+        given = [getattr(felt, name, 0.0)]
+        if name == "stiffness":
+            given = [factor * scene.pad.stiffness for factor in scene.variation.stiffness.support]
+        if not low * (1 - _SLACK) - _SLACK <= min(given) <= max(given) <= high * (1 + _SLACK) + _SLACK:
+            return False
+    return True
+
+
+def is_known(pad: PadDescription) -> bool:
+    """Whether a description leaves nothing open."""
+    return all(low == high for low, high in pad.response.ranges().values())
+
+
+def possible_pads(pad: PadDescription) -> tuple[tuple[str, ...], dict[str, Floats]]:
+    """Pads that a description allows, beside the middle one: in words, and parts of states, each ``(PADS,)``."""
+    rest = {name: values[1:] for name, values in pad.response.spread(1 + PADS).items()}
+    labels = tuple(
+        f"pad {i + 1}: stiffness {rest['stiffness'][i]:.1e} N/m³, law ^{rest['law'][i]:.2f}, "
+        f"threshold {rest['threshold'][i]:.2f}, blur {rest['blur'][i]:.2f}"
+        for i in range(PADS)
+    )
+    return labels, to_state(pad, rest)
