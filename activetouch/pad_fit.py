@@ -8,11 +8,11 @@ the curvature and the ranges of the description.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,12 @@ from activetouch.pad_file import PadDescription
 from activetouch.pressing.contact import Pad
 from activetouch.rendering.response import Response, respond
 from activetouch.solids.vectors import Floats, grid_centres
+from belief.columns import read_columns
 from belief.errors import ActiveTouchError, InvalidArgument
-from belief.files import require_regular_file
 from belief.frozen import FrozenArrays
 
 MOST_PRESSES = 60
+_ARRAYS = ("readings", "forces", "depths")
 _FEWEST = 4
 _FITTED = ("stiffness", "law", "blur", "crosstalk", "gain")
 _STARTS, _REFINED = 12, 3  # responses that a fit starts from, and of these the best that it ends with
@@ -104,20 +105,20 @@ def read_presses(path: str | Path, radius: float) -> BallPresses:
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"there is no file {path}; relative paths start from {Path.cwd()}")
-    require_regular_file(path, BadPresses)
+    is_text = path.suffix != ".npz"
+    needed = [] if is_text else ["readings"]
+    table = read_columns([path], () if is_text else _ARRAYS, BadPresses, needed=needed, is_numeric=is_text)
+    found: dict[str, Any] = {}
+    if is_text:
+        named = dict(zip(table.headings, table.numbers.T, strict=True))
+        found = {"forces": named.pop("force", None), "depths": named.pop("depth_mm", None)}
+        found["depths"] = None if found["depths"] is None else found["depths"] / 1e3
+        found["readings"] = np.stack([*named.values()], axis=1) if named else np.empty((len(table.numbers), 0))
+    else:
+        found = {name: table.arrays.get(name) for name in _ARRAYS}
     try:
-        if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as arrays:
-                return BallPresses(radius, arrays["readings"], arrays.get("forces"), arrays.get("depths"))
-        with path.open(encoding="utf-8", newline="") as file:
-            names, *rows = csv.reader(file)
-        columns = np.array([[float(cell) for cell in row] for row in rows if row]).T
-        found = dict(zip(names, columns, strict=True))
-        forces, depths = found.pop("force", None), found.pop("depth_mm", None)
-        return BallPresses(
-            radius, np.stack([*found.values()], axis=1), forces, depths if depths is None else depths / 1e3
-        )
-    except (OSError, ValueError, KeyError, EOFError) as error:
+        return BallPresses(radius, **found)
+    except InvalidArgument as error:
         raise BadPresses(f"{path} holds no presses of a ball: {error}") from error
 
 

@@ -6,13 +6,13 @@ what is stated after it is wrong by a factor of at most 5, the ratio of the odds
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from belief.columns import read_columns
 from belief.errors import ActiveTouchError, InvalidArgument
 from belief.naming import index_of
 from belief.validation import Floats, normalise_probs, require_number
@@ -88,14 +88,13 @@ def read_opinion(text: str, labels: Sequence[str], num_objects: int) -> Floats:
         return np.tile(opinion_of(one, labels), (num_objects, 1))
     if not path.is_file():
         raise BadOpinion(f"an opinion is shape=probability, separated by commas, or a CSV file; got {text!r:.80}")
-    with path.open(newline="", encoding="utf-8") as opened:
-        rows = list(csv.DictReader(opened))
-    if not rows or not {"shape", "prob"} <= set(rows[0]):
-        raise BadOpinion(f"{path} must have the columns shape and prob, and object where objects differ")
+    names = ("shape", "prob", "object")
+    table = read_columns([path], names, BadOpinion, needed=("shape", "prob")).arrays
+    blank = np.full(len(table["shape"]), "")
     found = np.full((num_objects, len(labels)), 1.0 / len(labels))
     every: dict[str, dict[str, float]] = {}
-    for row in rows:
-        every.setdefault(row.get("object") or "", {})[row["shape"]] = _number(row["prob"])
+    for name, shape, prob in zip(*(table.get(one, blank).tolist() for one in ("object", "shape", "prob")), strict=True):
+        every.setdefault(name, {})[shape] = _number(prob)
     for name, probs in every.items():
         if name and not (name.isdecimal() and 1 <= int(name) <= num_objects):
             raise BadOpinion(f"{path} names the object {name!r}; objects are 1 to {num_objects}")

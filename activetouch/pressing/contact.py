@@ -25,6 +25,7 @@ from activetouch.solids.raster import foremost
 from activetouch.solids.solid import Floats, Shape
 from activetouch.solids.vectors import grid_centres
 from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Positive, Within, require_rule
+from belief.errors import InvalidArgument
 
 if TYPE_CHECKING:
     import mujoco
@@ -82,6 +83,11 @@ class Pad(Checked):
     contact_time: Positive = 0.04
     damping_ratio: NotNegative = 1.0
     layout: Layout | None = field(default=None, metadata={"is_optional": True})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.layout is not None and not hasattr(self.layout, "half_width"):
+            raise InvalidArgument(f"the layout of a pad must be Taxels, got {self.layout!r:.80}")
 
     @classmethod
     def described(cls, layout: Layout, stiffness: float = 1.45e7, max_depth: float = 0.003) -> Pad:

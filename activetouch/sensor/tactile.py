@@ -158,7 +158,7 @@ class TactileSensor:
                 "proportions in the scene (--family), or leave out other_proportions"
             )
         reader = TactileReader.load(path).bound_to(scene)
-        unknown_state = unknown_state or (plan is None and _is_undecided(reader))
+        unknown_state = True if plan is None and _is_undecided(reader) else unknown_state  # of a described pad
         if plan is not None:
             from activetouch.perception.many_bodies import nested_model
 

@@ -106,7 +106,7 @@ def test_training_presses_as_the_scene_does():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
 @pytest.mark.torch
-def test_from_a_description_to_a_search(tmp_path):
+def test_from_a_description_to_a_search(few_hypotheses, tmp_path):
     pytest.importorskip("torch")
     from experiments.sensor.train import train_any_object
 

@@ -22,6 +22,7 @@ from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export
 from experiments.search.live import Live
 from experiments.search.replay import Replay
+from experiments.sensor.pad_fit import PadFitCommand
 from experiments.tradeoff.tradeoff import Tradeoff
 
 _NEEDED = {
@@ -29,6 +30,7 @@ _NEEDED = {
     Find: {"folder": Path("none"), "target": "mug"},
     Identify: {"folder": Path("none")},
     Live: {"target": "cone"},
+    PadFitCommand: {"pad": Path("none"), "presses": Path("none"), "radius_mm": 10.0},
     Recorded: {"data": Path("none"), "format": "csv"},
 }
 
