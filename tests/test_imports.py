@@ -55,7 +55,7 @@ def test_one_process_collects_touches_without_joblib(tmp_path):
 @pytest.mark.slow
 @pytest.mark.mujoco
 def test_a_comparison_loads_what_it_runs(tmp_path):
-    words = f"compare --scene coarse --episodes 1 --jobs 1 --out {tmp_path / 'run'}".split()
+    words = f"compare --scene coarse --targets cone --episodes 1 --jobs 1 --out {tmp_path / 'run'}".split()
     run = subprocess.run([sys.executable, "-m", "tests.footprint", *words], capture_output=True, text=True, cwd=ROOT)
     found = json.loads(run.stdout.splitlines()[-1])
     assert found["modules"]

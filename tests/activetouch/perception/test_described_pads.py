@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -106,12 +107,15 @@ def test_training_presses_as_the_scene_does():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
 @pytest.mark.torch
-def test_from_a_description_to_a_search(few_hypotheses, tmp_path):
+def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
     pytest.importorskip("torch")
     from experiments.sensor.train import train_any_object
 
     pad = PadDescription(Taxels.grid(4, 4, 0.005))
-    train_any_object(pad.scene(), tmp_path, steps=2, pad=pad)
+    with monkeypatch.context() as patched:
+        patched.setattr("activetouch.perception.contact_training.export", Mock(side_effect=KeyboardInterrupt))  # which takes longest
+        with pytest.raises(KeyboardInterrupt):
+            train_any_object(pad.scene(), tmp_path, steps=2, pad=pad)
     train_any_object(pad.scene(), tmp_path, steps=3, pad=pad)  # resumes
     scene = pad.scene(share=np.full(7, 0.2))
     few = replace(

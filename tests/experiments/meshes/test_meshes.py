@@ -369,6 +369,7 @@ def test_a_session_among_many_meshes_continues_from_its_log(sensor, tmp_path):
 @pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
 def test_searches_among_many_meshes_are_certified(folder, sensor):
     rules = {"risk": 0.3, "searches": 40, "targets": "cube", "num_objects": 2, "composition": "at_most_one", "jobs": 1}
+    rules["max_touches"] = 3
     certificate = certify(NamedScene(sensor.scene), sensor=sensor, **rules)
     small = {"num_objects": 2, "num_searches": 2, "jobs": 1, "plan": PLAN, "levels": (0, 1), "pressed": 4}
     small |= {"unlisted": 0.0}
