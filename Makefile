@@ -20,9 +20,9 @@ search: environment
 test: check
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-# Beliefs and statistics alone, without physics, networks and fits: under a minute.
+# Beliefs, statistics and decisions without touch, without physics, networks and fits: under a minute.
 quick: development
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics tests/planners/test_classification.py
 
 # Every shell command of README and docs, with small sizes: about a quarter of an hour.
 nightly: development
