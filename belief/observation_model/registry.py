@@ -47,7 +47,8 @@ OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = _Classes(
         "action kernel": "action_kernel.ActionKernelModel",
     }
 )
-"""All classes of observation models, by the names that their files bear."""
+"""Classes of observation models that are fitted to touches, by the names that their files bear."""
+_OTHERS: Mapping[str, type[ArrayModel]] = _Classes({"context": "context_model.ContextModel"})
 
 
 def fits(reads: Reads = "logits") -> dict[str, Fit]:
@@ -57,9 +58,10 @@ def fits(reads: Reads = "logits") -> dict[str, Fit]:
 
 def class_named(kind: str) -> type[ArrayModel]:
     """The class of observation models with a name in files; raises ValueError if there is none."""
-    if kind not in OBSERVATION_MODELS:
-        raise ValueError(f"unknown kind {kind!r}, known are {', '.join(sorted(OBSERVATION_MODELS))}")
-    return OBSERVATION_MODELS[kind]
+    for known in (OBSERVATION_MODELS, _OTHERS):
+        if kind in known:
+            return known[kind]
+    raise ValueError(f"unknown kind {kind!r}, known are {', '.join(sorted([*OBSERVATION_MODELS, *_OTHERS]))}")
 
 
 def read_observation_model(text: str) -> ArrayModel:

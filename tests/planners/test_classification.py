@@ -5,7 +5,7 @@ import pytest
 
 from belief import Belief
 from belief.errors import UnknownName
-from belief.observation_model import check_observation_model
+from belief.observation_model import check_observation_model, read_observation_model
 from belief.observation_model.context_fit import OutcomeCode, fit_contexts, merged_cells
 from belief.observation_model.context_model import ContextModel
 from belief.problem import Touch
@@ -127,6 +127,17 @@ def test_a_model_with_contexts_keeps_the_contract_of_observation_models():
     o, q = (int(touch.features[0]) for touch in touches[:2])
     both = (model.weights * probs[0, :, :, o] * probs[2, :, :, q]).sum(axis=1)
     np.testing.assert_allclose(np.exp(first), both)
+
+
+def test_a_model_with_contexts_is_read_back_from_its_file():
+    probs = np.random.default_rng(0).dirichlet(np.ones(3), size=(2, 2, 2))
+    model = ContextModel(("ill", "well"), probs, np.array([[0.2, 0.8], [0.5, 0.5]]), 0.7, is_repeatable=True)
+    text = model.to_json()
+    again = read_observation_model(text)
+    assert again.to_json() == text
+    np.testing.assert_array_equal(again.probs, model.probs)
+    with pytest.raises(ValueError, match="not an observation model"):
+        read_observation_model(text.replace("0.2", "0.3", 1))
 
 
 def test_a_repeatable_action_gives_new_evidence():

@@ -113,7 +113,9 @@ def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
 
     pad = PadDescription(Taxels.grid(4, 4, 0.005))
     with monkeypatch.context() as patched:
-        patched.setattr("activetouch.perception.contact_training.export", Mock(side_effect=KeyboardInterrupt))  # which takes longest
+        patched.setattr(
+            "activetouch.perception.contact_training.export", Mock(side_effect=KeyboardInterrupt)
+        )  # which takes longest
         with pytest.raises(KeyboardInterrupt):
             train_any_object(pad.scene(), tmp_path, steps=2, pad=pad)
     train_any_object(pad.scene(), tmp_path, steps=3, pad=pad)  # resumes
