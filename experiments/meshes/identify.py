@@ -161,12 +161,13 @@ def _lying_picture(sensor: TactileSensor, number: int, lies: Lying) -> Picture:
     def draw(axes: Axes, touch: int, belief: PoseBelief) -> None:
         axes.imshow(coloured(bodies.lying(belief), 1.0), origin="lower")
         axes.contour(outline, levels=[0.5], colors="tab:red", linewidths=1.0)
-        off, within = belief.error(lies.body.orientation), belief.credible().radius
-        axes.set_title(f"touch {touch}\n{off:.0f}° off, within {within:.0f}°", fontsize=7)
+        off, found = belief.error(lies.body.orientation), belief.credible()
+        ways = "" if len(found.orientations) == 1 else f" of {len(found.orientations)} ways"
+        axes.set_title(f"touch {touch}\n{off:.0f}° off, within {found.radius:.0f}°{ways}", fontsize=7)
         axes.set_axis_off()
 
     parts = [partial(draw, touch=touch, belief=belief) for touch, belief in enumerate(lies.after, 1)]
-    return Picture(f"lies{number}", f"Object {number}: {lies.after[-1]}.", parts, size=(1.5, 1.7))
+    return Picture(f"lies{number}", f"Object {number}: {lies.after[-1]}.", parts, size=(1.8, 1.7))
 
 
 def identify(
