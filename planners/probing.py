@@ -74,7 +74,7 @@ HYPOTHESES = 32
 
 def next_touch(
     info: InformationState,
-    shares: Floats,
+    shares: Floats | None,
     table: OutcomeTable,
     repeats: RepeatDiscount,
     outcomes: int = OUTCOMES,
@@ -84,7 +84,8 @@ def next_touch(
 
     Args:
         info: the information state.
-        shares: of the belief in what the touch is to distinguish: one row for each answer, ``(J, K)``.
+        shares: of the belief in what the touch is to distinguish: one row for each answer, ``(J, K)``; None for
+            hypotheses about the body, or, without any, shapes.
         table: p(outcome | pose, shape) of single touches, for models that take touches as independent given the shape.
         repeats: discounts the value of repeated poses, for the same models.
         outcomes: of a mixture, at most.
@@ -96,8 +97,8 @@ def next_touch(
     evidence = info.evidence
     mixture = None if evidence is None else evidence.outcome_mixture(outcomes, hypotheses)
     if mixture is None:
-        return shares @ table.probs, repeats.weights(info.uses)
-    joint = mixture.one_touch(shares)
+        return (np.diag(info.belief.probs) if shares is None else shares) @ table.probs, repeats.weights(info.uses)
+    joint = mixture.of_hypotheses(info.belief.probs) if shares is None else mixture.one_touch(shares)
     return joint, np.ones(len(joint)) if mixture.new is None else mixture.new
 
 
@@ -186,8 +187,8 @@ class TargetInformationGain(Checked):
         joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
         return _best(info, information(joint), weights)
 
-    def _shares(self, info: InformationState) -> Floats:
-        """What the touch is to distinguish: one row for each answer, ``(J, K)``."""
+    def _shares(self, info: InformationState) -> Floats | None:
+        """What the touch is to distinguish, as of :func:`next_touch`."""
         return target_shares(info.probs, info.target)
 
 
@@ -215,12 +216,9 @@ class ShapeInformationGain(TargetInformationGain):
         shares = self._shares(info)
         joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
         costs = np.ones(len(joint)) if self.costs is None else self.costs
-        mixture = None if info.evidence is None else info.evidence.outcome_mixture(self.outcomes, self.hypotheses)
-        if (
-            self.depth == 1
-            or not isinstance(mixture, OutcomeMixture)
-            or len(info.history) + 1 >= info.problem.touch_limit
-        ):
+        evidence = info.evidence if self.depth > 1 and len(info.history) + 1 < info.problem.touch_limit else None
+        mixture = None if evidence is None else evidence.outcome_mixture(self.outcomes, self.hypotheses)
+        if not isinstance(mixture, OutcomeMixture):
             return _best(info, information(joint) / costs, weights)
         values = _with_second(mixture, shares, information(joint) * weights, costs, weights)
         return _best(info, values, np.where(weights > 0.0, 1.0, 0.0))
@@ -245,16 +243,8 @@ class PoseInformationGain(TargetInformationGain):
 
     given: Literal["body"] = field(default="body", init=False)
 
-    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """See :class:`planners.decider.ProbeSelector`."""
-        require_fit(self.table, info.problem)
-        evidence = info.evidence
-        mixture = None if evidence is None else evidence.outcome_mixture(self.outcomes, self.hypotheses)
-        if mixture is None:
-            gains = information(np.diag(info.belief.probs) @ self.table.probs)
-            return _best(info, gains, self.repeats.weights(info.uses))
-        gains = information(mixture.of_hypotheses(info.belief.probs))
-        return _best(info, gains, np.ones(len(gains)) if mixture.new is None else mixture.new)
+    def _shares(self, info: InformationState) -> None:
+        return None
 
 
 def _with_second(mixture: OutcomeMixture, shares: Floats, gains: Floats, costs: Floats, weights: Floats) -> Floats:

@@ -27,7 +27,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +41,6 @@ from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, relative
 from belief.problem import Touch
 from belief.validation import Floats
-
-if TYPE_CHECKING:
-    pass
 
 Place = int | tuple[float, ...]
 _TINY = 1e-290

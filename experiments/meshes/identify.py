@@ -47,15 +47,20 @@ _ANGLES_OF = "off", "within"  # columns of Lying
 
 
 class Lying(NamedTuple):
-    """How far an object lies from its most probable orientation, and within what it does with probability 0.9 [deg].
+    """How an object was believed to lie after each touch, or after the last one, and the true object."""
 
-    ``after`` are the beliefs after each touch, or after the last one, and ``body`` is the true one.
-    """
-
-    off: float
-    within: float
     after: tuple[PoseBelief, ...]
     body: WorldObject
+
+    @property
+    def off(self) -> float:
+        """How far it lies from its most probable orientation [deg]."""
+        return self.after[-1].error(self.body.orientation)
+
+    @property
+    def within(self) -> float:
+        """Within what angle it lies with probability 0.9 [deg]."""
+        return self.after[-1].credible().radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,13 +284,16 @@ def _name_one(
 ) -> tuple[Identification, Lying | None]:
     pressed, player = shared.value
     sensor, world = pressed.sensor, TouchWorld.sample(pressed, [truth], np.random.default_rng([*seed, 0]))
+    beliefs: dict[tuple[str, int], PoseBelief] = {}  # by the label and the number of touches of this object
 
-    def lies_as(named: Name, touches: Sequence[Touch]) -> PoseBelief:
-        images = np.stack([touch.image for touch in touches if touch.image is not None])
-        return sensor.pose(named, images, [touch.pose for touch in touches])
+    def lies_as(label: str, touches: Sequence[Touch]) -> PoseBelief:
+        if (key := (label, len(touches))) not in beliefs:
+            images = np.stack([touch.image for touch in touches if touch.image is not None])
+            beliefs[key] = sensor.pose(label, images, [touch.pose for touch in touches])
+        return beliefs[key]
 
     def is_narrow(named: int, touches: Sequence[Touch]) -> bool:
-        return lies_as(named, touches).credible().radius <= (within or 0.0)
+        return lies_as(sensor.shape_labels[named], touches).credible().radius <= (within or 0.0)
 
     until = None if within is None else is_narrow
     rules = seed, threshold, max_touches, unlisted, opinion, until
@@ -295,8 +303,7 @@ def _name_one(
         return found, None
     first = 1 if seed[-1] < _PICTURED else len(found.touches)
     after = tuple(lies_as(truth_label, found.touches[:number]) for number in range(first, len(found.touches) + 1))
-    true, last = world.current, after[-1]
-    return found, Lying(last.error(true.orientation), last.credible().radius, after, true)
+    return found, Lying(after, world.current)
 
 
 @dataclass(frozen=True, kw_only=True)
