@@ -1,0 +1,201 @@
+"""How a body may rest on a level floor: its stable faces, found from its triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # whose parts load at first use
+from numpy.typing import NDArray
+
+from activetouch.errors import BadMesh
+from activetouch.solids.raster import heights
+from activetouch.solids.solid import Floats, Shape
+from activetouch.solids.triangles import tetrahedra
+
+NUM_TURNS = 24
+"""Turns about the vertical that are told apart, by 15°."""
+MOST_FACES = 6
+"""Stable faces of a body, the likeliest ones."""
+_MOST_VIEWS = 64  # of faces that are compared
+_ANGLES, _RINGS = 3 * NUM_TURNS, 10  # of a view in polar coordinates
+_PIXELS = 96
+_ALIKE = 0.03  # mean difference of the heights of two views that are one, in radii of the body
+_TILT, _LOWER = np.radians(15.0), 0.003  # a tilt, and by what part it lowers a body that is not stable
+_UP = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # from a tray (z up) to a pad that looks down
+
+
+@dataclass(frozen=True, eq=False)
+class Rests:
+    """The F stable faces of a body that look different from above.
+
+    Attributes:
+        rotations: from the body's frame to that of a tray, whose z axis points up, matrices ``(F, 3, 3)``.
+        probs: probability of each face, ``(F,)``: the solid angle of what rolls to it, as the centre of mass sees it.
+        lifts: height of the body's origin above the floor [m], ``(F,)``.
+        turns: number of turns by 15° until the view from above is the same again, ``(F,)``; 24 without symmetry.
+    """
+
+    rotations: Floats
+    probs: Floats
+    lifts: Floats
+    turns: NDArray[np.int64]
+
+
+def rests(shape: Shape) -> Rests:
+    """The stable faces of a body of uniform density: those of its hull above which the centre of mass stands.
+
+    Faces that look alike from above, up to a turn, are one.
+
+    Raises:
+        BadMesh: the body is flat.
+
+    >>> from activetouch import SHAPES
+    >>> found = rests(SHAPES["cylinder"])                     # it stands, or it lies
+    >>> found.probs.round(2).tolist(), found.turns.tolist(), (1000 * found.lifts).round(1).tolist()
+    ([0.78, 0.22], [12, 1], [16.0, 20.0])
+    """
+    vertices, faces = shape.surface.vertices.T, shape.surface.faces.T
+    try:
+        hull = scipy.spatial.ConvexHull(vertices)
+    except scipy.spatial.QhullError as error:
+        raise BadMesh(f"the shape {shape!r:.80} is flat: it has no face to rest on") from error
+    centre = _centre_of_mass(vertices, faces)
+    downs, angles, distances = _facets(hull, centre)
+    kept = np.flatnonzero(angles)[np.argsort(distances[angles > 0.0], kind="stable")]
+    if len(kept) > _MOST_VIEWS:  # of a curved surface, of which some stand for all
+        shares = np.cumsum(angles[kept]) / angles.sum()
+        drawn = kept[np.searchsorted(shares, (np.arange(_MOST_VIEWS) + 0.5) / _MOST_VIEWS)]
+        kept, counts = np.unique(drawn, return_counts=True)
+        angles[kept] = counts
+    turned = np.stack([_down(downs[one]) for one in kept])
+    lifts = -(turned[:, 2] @ vertices.T).min(axis=1)
+    views = _views(shape, turned, lifts)
+    groups: list[list[int]] = []
+    for one in range(len(kept)):
+        mate = next((group for group in groups if _difference(views[group[0]], views[one]) < _ALIKE), None)
+        if mate is None:
+            groups.append([one])
+        else:
+            mate.append(one)
+    probs = np.array([angles[kept[group]].sum() for group in groups])
+    chosen = np.argsort(-probs, kind="stable")[:MOST_FACES]
+    first = np.array([groups[one][0] for one in chosen])
+    turns = np.array([_period(views[one]) for one in first])
+    return Rests(turned[first], probs[chosen] / probs[chosen].sum(), lifts[first], turns)
+
+
+def seen_from_above(rotations: Floats) -> Floats:
+    """Rotations to the frame of a pad that looks down, ``(n, 3, 3)``, of those to the frame of a tray."""
+    return np.asarray(_UP @ rotations)
+
+
+def about_vertical(angles: Floats) -> Floats:
+    """Rotations about the z axis, ``(n, 3, 3)``, by angles ``(n,)`` [rad]."""
+    cosines, sines, zeros, ones = np.cos(angles), np.sin(angles), np.zeros_like(angles), np.ones_like(angles)
+    rows = [[cosines, -sines, zeros], [sines, cosines, zeros], [zeros, zeros, ones]]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _centre_of_mass(vertices: Floats, faces: NDArray[np.int64]) -> Floats:
+    volumes = tetrahedra(vertices, faces)
+    total = volumes.sum()
+    if abs(total) < 1e-12 * np.abs(volumes).sum():  # not closed
+        return np.asarray(vertices.mean(axis=0))
+    return np.asarray(volumes @ vertices[faces].sum(axis=1) / (4.0 * total))
+
+
+def _facets(hull: scipy.spatial.ConvexHull, centre: Floats) -> tuple[Floats, Floats, Floats]:
+    """Outer normals of the flat parts of a hull ``(f, 3)``, and their distances from the centre of mass ``(f,)`` [m].
+
+    Between them ``(f,)``, the solid angles, as the centre of mass sees them, of all parts from which a body comes to
+    rest on this one: from a part on which it is not stable, it rolls to the lowest neighbour. It is stable where the
+    centre of mass stands above the part, and where no tilt of 15° lowers it: the parts of a curved surface are small,
+    so that the centre stands above each.
+    """
+    size = np.ptp(hull.points, axis=0).max()
+    keys = np.round(np.c_[hull.equations[:, :3] * 1e4, hull.equations[:, 3:] * 1e4 / size]).astype(np.int64)
+    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    group, num = group.ravel(), len(first)
+    a, b, c = (hull.points[hull.simplices] - centre).transpose(1, 0, 2)
+    lengths = [np.linalg.norm(corner, axis=1) for corner in (a, b, c)]
+    dots = [np.einsum("fi,fi->f", one, other) for one, other in ((b, c), (c, a), (a, b))]
+    across = np.abs(np.einsum("fi,fi->f", a, np.cross(b, c)))
+    below = np.prod(lengths, axis=0) + sum(dot * length for dot, length in zip(dots, lengths, strict=True))
+    angles = np.bincount(group, 2.0 * np.arctan2(across, below), num)  # van Oosterom & Strackee 1983
+    distances = -(hull.equations[first, :3] @ centre + hull.equations[first, 3])
+    corners = np.stack((a, b, c))
+    stands = _are_lowest(hull.points[hull.vertices] - centre, hull.equations[first, :3])
+    for place in range(3):  # the edge opposite to a corner
+        start = corners[(place + 1) % 3]
+        outwards = np.cross(corners[(place + 2) % 3] - start, hull.equations[:, :3])
+        outwards *= -np.sign(np.einsum("fi,fi->f", corners[place] - start, outwards))[:, None]
+        is_edge = group[hull.neighbors[:, place]] != group
+        stands[group[is_edge & (np.einsum("fi,fi->f", start, outwards) < 0.0)]] = False
+    rolls, lowest = np.arange(num), np.where(stands, -np.inf, distances)
+    for neighbours in hull.neighbors.T:
+        other = group[neighbours]
+        for one in np.flatnonzero(distances[other] < lowest[group]).tolist():
+            if distances[other[one]] < lowest[group[one]]:
+                lowest[group[one]], rolls[group[one]] = distances[other[one]], other[one]
+    while (rolls[rolls] != rolls).any():
+        rolls = rolls[rolls]
+    return hull.equations[first, :3], np.asarray(np.bincount(rolls, angles, num), float), np.asarray(distances, float)
+
+
+def _are_lowest(corners: Floats, downs: Floats) -> NDArray[np.bool_]:
+    """Whether no tilt lowers the centre of mass of a body that rests on each part of its hull, ``(f,)``."""
+    angles = np.arange(12) * np.pi / 6
+    frames = np.stack([_down(down) for down in downs])
+    around = np.einsum("ak,fkj->faj", np.stack([np.cos(angles), np.sin(angles)], axis=1), frames[:, :2])
+    lowest = np.full(len(downs), np.inf)
+    points = np.asarray(corners, np.float32)
+    for tilted in np.moveaxis(np.cos(_TILT) * downs[:, None] + np.sin(_TILT) * around, 1, 0):
+        np.minimum(lowest, _highest(points, tilted.astype(np.float32)), out=lowest)
+    return np.asarray(lowest >= (1.0 - _LOWER) * _highest(points, downs.astype(np.float32)))
+
+
+def _highest(corners: NDArray[np.float32], directions: NDArray[np.float32]) -> NDArray[np.float32]:
+    """How far a body reaches in each direction, ``(f,)``."""
+    return np.concatenate(
+        [(some @ corners.T).max(axis=1) for some in np.array_split(directions, len(directions) // 256 + 1)]
+    )
+
+
+def _down(normal: Floats) -> Floats:
+    """A rotation that turns a unit vector to −z."""
+    helper = np.eye(3)[np.abs(normal).argmin()]
+    x = np.cross(helper, normal)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(x, normal) * -1.0, -normal])
+
+
+def _views(shape: Shape, rotations: Floats, lifts: Floats) -> Floats:
+    """Heights above the floor from above in polar coordinates, in radii of the body, ``(n, rings, angles)``."""
+    radius = shape.bounding_radius
+    pixel = 2.0 * radius / _PIXELS
+    places = np.zeros((len(rotations), 2))
+    maps = heights(shape.surface, seen_from_above(rotations), places, pixel, _PIXELS, np.float32)
+    maps = scipy.ndimage.uniform_filter(np.maximum(maps + lifts[:, None, None], 0.0) / radius, (0, 3, 3))
+    ring = (np.arange(_RINGS) + 0.5) / _RINGS * _PIXELS / 2
+    angle = np.arange(_ANGLES) * 2.0 * np.pi / _ANGLES
+    rows = np.clip(_PIXELS / 2 + ring[:, None] * np.cos(angle), 0, _PIXELS - 1).astype(int)  # along the tray's x
+    columns = np.clip(_PIXELS / 2 + ring[:, None] * np.sin(angle), 0, _PIXELS - 1).astype(int)
+    return np.asarray(maps[:, rows, columns])
+
+
+def _difference(one: Floats, other: Floats) -> float:
+    """Mean difference of the heights of two views after the best turn, weighted by area."""
+    weights = (np.arange(_RINGS) + 0.5) / (_RINGS**2 / 2 * _ANGLES)
+    rolled = np.stack([np.roll(other, turn, axis=1) for turn in range(_ANGLES)])
+    return float((np.abs(rolled - one) * weights[:, None]).sum(axis=(1, 2)).min())
+
+
+def _period(view: Floats) -> int:
+    """Turns by 15° until a view is the same again."""
+    weights = (np.arange(_RINGS) + 0.5) / (_RINGS**2 / 2 * _ANGLES)
+    for turn in (number for number in range(1, NUM_TURNS) if NUM_TURNS % number == 0):
+        step = turn * _ANGLES // NUM_TURNS
+        if (np.abs(np.roll(view, step, axis=1) - view) * weights[:, None]).sum() < _ALIKE:
+            return turn
+    return NUM_TURNS

@@ -1,0 +1,226 @@
+"""A sensor for objects in a tray: where they may lie, what presses meet there, and the searches that use it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.errors import WrongScene
+from activetouch.named_scenes import SCENES
+from activetouch.perception.cached_arrays import announced, cached_array
+from activetouch.perception.contacts.hypotheses import ContactHypotheses
+from activetouch.perception.imaging import Floats32, sensor_state
+from activetouch.perception.reader import TactileReader
+from activetouch.pressing.contact import Quasistatic
+from activetouch.scene import Scene
+from activetouch.scene_description import described
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.tray.contacts import place_table
+from activetouch.tray.world import Tray, TrayWorld
+from belief.errors import UnknownName
+from belief.naming import Name, index_of
+from belief.seeding import checked_key
+from belief.tray import PlaceTable, TouchNoise, TrayBelief
+from planners.tray import (
+    InformationPerCost,
+    PlaceOutcomes,
+    RandomPlaces,
+    RasterThenIdentify,
+    TrayDecider,
+    TrayRules,
+)
+from planners.tray_session import TrayEpisode, TraySession, ended, search_tray
+
+DECIDERS: Mapping[str, Callable[[TrayRules, PlaceOutcomes], TrayDecider]] = {
+    "information_per_cost": InformationPerCost,
+    "raster": RasterThenIdentify,
+    "random": lambda rules, outcomes: RandomPlaces(outcomes),
+}
+"""Deciders of searches in a tray, by name."""
+_REFERENCES = 72  # touches that stand for all
+_ASIDE = 0.025  # largest distance of these from the middle of an object [m]
+
+
+@dataclass(frozen=True, eq=False)
+class TraySensor:
+    """A pad that comes down on a tray, the reader of its images, and what it may meet there.
+
+    Attributes:
+        scene: shapes, pad, forces, renderer and faults.
+        reader: of any object.
+        tray: where the objects lie.
+        rules: of searches.
+        noise: of touches.
+
+    >>> from activetouch import SHAPES
+    >>> sensor = TraySensor.shipped("coarse", shapes={name: SHAPES[name] for name in ("sphere", "cube", "cylinder")},
+    ...                             tray=Tray(size=(0.12, 0.1), num_objects=1))
+    >>> sensor.shape_labels
+    ('sphere', 'cube', 'cylinder')
+    """
+
+    scene: Scene
+    reader: TactileReader
+    tray: Tray = field(default_factory=Tray)
+    rules: TrayRules = field(default_factory=TrayRules)
+    noise: TouchNoise = field(default_factory=TouchNoise)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.reader.hypotheses, ContactHypotheses):
+            raise WrongScene("objects in a tray are read by a reader of any object, as of gel, coarse and hard")
+
+    @classmethod
+    def shipped(
+        cls,
+        name: str = "gel",
+        shapes: Mapping[str, Any] | Sequence[Path | str] | Path | None = None,
+        tray: Tray | None = None,
+        rules: TrayRules | None = None,
+    ) -> TraySensor:
+        """The pad of a named scene with its reader of any object.
+
+        Args:
+            name: of the scene: gel, coarse or hard; or a folder with a trained reader of any object of that scene.
+            shapes: that objects may have, as :func:`activetouch.mesh_source.read_objects` takes them; by default the
+                twelve of the scene ``many``.
+            tray: the tray.
+            rules: of searches.
+
+        Raises:
+            UnknownName: there is no such sensor with a reader of any object.
+        """
+        path = MODELS / name / ANY_OBJECT_FILE
+        if not path.exists():
+            known = [folder.name for folder in sorted(MODELS.iterdir()) if (folder / ANY_OBJECT_FILE).exists()]
+            raise UnknownName("sensor with a reader of any object", name, known)
+        return cls.of(TactileReader.load(path), SCENES[name].scene, shapes, tray, rules)
+
+    @classmethod
+    def of(
+        cls,
+        reader: TactileReader,
+        scene: Scene,
+        shapes: Mapping[str, Any] | Sequence[Path | str] | Path | None = None,
+        tray: Tray | None = None,
+        rules: TrayRules | None = None,
+    ) -> TraySensor:
+        """A reader of any object with the pad of a scene; see :meth:`shipped`."""
+        if shapes is None:
+            shapes = SCENES["many"].scene.shapes
+        else:
+            from activetouch.mesh_source import read_objects
+
+            shapes = read_objects(shapes)
+        scene = replace(scene, shapes=shapes, press_model=Quasistatic())
+        return cls(scene, reader.bound_to(scene), tray or Tray(), rules or TrayRules())
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """The labels of the shapes that it tells apart."""
+        return self.scene.shape_labels
+
+    @cached_property
+    def table(self) -> PlaceTable:
+        """What presses would meet; made at first use, and kept in the cache."""
+        assert isinstance(self.reader.hypotheses, ContactHypotheses), "asked in __post_init__"
+        with announced("preparing the tray: up to two minutes the first time, then kept in the cache"):
+            return place_table(self.reader.hypotheses, self.scene)
+
+    @cached_property
+    def outcomes(self) -> PlaceOutcomes:
+        """Touches that stand for all; made at first use, and kept in the cache."""
+        hypotheses = self.reader.hypotheses
+        assert isinstance(hypotheses, ContactHypotheses), "asked in __post_init__"
+        code = hypotheses.imaging.code(sensor_state(hypotheses.imaging, self.scene))
+        bodies = {label: described(solid) for label, solid in self.scene.solids.items()}
+        key = {"reader": hypotheses.digest, "code": code.round(6).tolist(), "outcomes": _REFERENCES, "bodies": bodies}
+        return PlaceOutcomes(self.table, cached_array(key, self._references), self.noise.scale)
+
+    def _references(self) -> Floats32:
+        images: list[NDArray[np.uint8]] = []
+        rng = np.random.default_rng(0x7A4)
+        alone = replace(self.tray, num_objects=1, present=1.0, push=0.0)
+        while len(images) < _REFERENCES:
+            world = TrayWorld.drawn(self.scene, alone, len(images) % len(self.shape_labels), rng)
+            for _ in range(100):
+                x, y = (world.objects[0].place[:2] + rng.uniform(-_ASIDE, _ASIDE, 2)).tolist()
+                met = world.press(x, y, rng)
+                if met.image is not None:
+                    images.append(met.image)
+                    break
+        return self.reader.run(np.stack(images))[0]
+
+    def embed(self, image: NDArray[np.uint8]) -> Floats32:
+        """The embedding of one image, ``(D,)``."""
+        return np.asarray(self.reader.run(np.asarray(image)[None])[0][0])
+
+    def belief(self, target: Name) -> TrayBelief:
+        """The belief before the first touch."""
+        index = index_of("target", self.shape_labels, target)
+        tray = self.tray
+        noise = replace(self.noise, push=tray.push)
+        return TrayBelief(self.table, tray.size, index, tray.num_objects, tray.present, noise)
+
+    def decider(self, decider: str | TrayDecider = "information_per_cost") -> TrayDecider:
+        """One of :data:`DECIDERS` by name, or a decider of one's own.
+
+        Raises:
+            UnknownName: there is no decider of this name.
+        """
+        if not isinstance(decider, str):
+            return decider
+        if decider not in DECIDERS:
+            raise UnknownName("decider of a tray", decider, list(DECIDERS))
+        return DECIDERS[decider](self.rules, self.outcomes)
+
+    def session(
+        self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | tuple[int, ...] = 0
+    ) -> TraySession:
+        """A search in a tray whose presses somebody else makes, such as a robot."""
+        return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self.embed)
+
+    def search(
+        self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
+    ) -> TrayEpisode:
+        """One search in a random tray.
+
+        The same seed gives the same tray to every decider, and the same press the same measurement.
+        """
+        key = checked_key(seed)
+        index = index_of("target", self.shape_labels, target)
+        world = TrayWorld.drawn(self.scene, self.tray, index, np.random.default_rng([*key, index]))
+        labels = self.shape_labels
+        lay = tuple((labels[one.shape], float(one.place[0]), float(one.place[1])) for one in world.objects)
+        session = self.session(index, decider, (*key, index, 1))
+        decision = search_tray(session, Keyed(world, (*key, index, 2)), np.random.default_rng(0))
+        answer, place, stated = ended(decision)
+        is_there = any(one.shape == index for one in world.objects)
+        success = answer == "absent" and not is_there
+        if place is not None:
+            nearest = min(world.objects, key=lambda one: float(np.hypot(*(one.place[:2] - place))))
+            success = nearest.shape == index
+        return TrayEpisode(
+            labels[index], key, tuple(session.steps), answer, place, stated, is_there, success, lay
+        )  # fmt: skip
+
+
+@dataclass(eq=False)
+class Keyed:
+    """A world whose chance at a press follows from its place and from how often that was pressed."""
+
+    world: TrayWorld
+    key: tuple[int, ...]
+    pressed: dict[tuple[int, int], int] = field(default_factory=dict)
+
+    def press(self, x: float, y: float, rng: np.random.Generator) -> Any:
+        """See :class:`planners.tray_session.Presses`."""
+        place = round(x * 1e5), round(y * 1e5)
+        times = self.pressed.get(place, 0)
+        self.pressed[place] = times + 1
+        return self.world.press(x, y, np.random.default_rng([*self.key, *place, times]))

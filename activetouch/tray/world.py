@@ -1,0 +1,172 @@
+"""A tray in which objects lie at places that nobody knows, and a pad that comes down on a place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.pressing.contact import elastic_contact
+from activetouch.rendering import read_out
+from activetouch.scene import Scene
+from activetouch.solids.raster import heights
+from activetouch.solids.solid import Floats, Shape
+from activetouch.tray.resting import Rests, about_vertical, rests, seen_from_above
+from belief.constraints import Checked, Count, NotNegative, Positive, Probability, Within
+from belief.errors import InvalidArgument
+
+_ATTEMPTS = 10_000  # at placing the objects of a tray
+_OUTLINE = 36  # directions in which outlines are compared
+
+
+@dataclass(frozen=True)
+class Tray(Checked):
+    """A tray and what lies in it.
+
+    Attributes:
+        size: along x and y [m].
+        num_objects: in it; their shapes differ.
+        present: probability that one of them has the target's shape.
+        gap: smallest distance of two objects, and of an object from the walls [m].
+        height_noise: standard deviation of the measured height of a contact [m].
+        push: largest distance along x and y by which a touch moves the object that it meets [m], at most 5 mm.
+        sizes: smallest and largest factor of an object's size.
+    """
+
+    size: tuple[Positive, Positive] = (0.4, 0.3)
+    num_objects: Count = 6
+    present: Probability = 0.8
+    gap: NotNegative = 0.004
+    height_noise: NotNegative = 0.0003
+    push: Annotated[float, Within(0.0, 0.005)] = 0.0
+    sizes: tuple[Positive, Positive] = (0.97, 1.03)
+
+
+class Lying(NamedTuple):
+    """One object in a tray: index of its shape, size factor, rotation to the tray's frame, and place (x, y, z) [m]."""
+
+    shape: int
+    scale: float
+    rotation: Floats
+    place: Floats
+
+
+class Poke(NamedTuple):
+    """What a pad meets that comes down on a place: height above the floor [m], and image; neither for a miss.
+
+    ``met`` is the number of the object, which only a simulation knows; None for a miss.
+    """
+
+    height: float
+    image: NDArray[np.uint8] | None
+    met: int | None
+
+
+@dataclass(eq=False)
+class TrayWorld:
+    """Objects in a tray, and the presses of a scene's pad on them.
+
+    Attributes:
+        scene: shapes, pad, forces, renderer and faults.
+        tray: where they lie.
+        objects: as they lie now.
+    """
+
+    scene: Scene
+    tray: Tray
+    objects: list[Lying] = field(default_factory=list)
+
+    @classmethod
+    def drawn(cls, scene: Scene, tray: Tray, target: int, rng: np.random.Generator) -> TrayWorld:
+        """A tray with random objects: the target is there with the tray's probability, the others differ.
+
+        Raises:
+            InvalidArgument: there are fewer shapes than objects, or the objects do not fit in the tray.
+        """
+        others = np.delete(np.arange(len(scene.shapes)), target)
+        is_there = rng.uniform() < tray.present
+        if len(others) < tray.num_objects - is_there:
+            raise InvalidArgument(f"{tray.num_objects} objects of different shapes need more than {len(others)} others")
+        shapes = rng.permutation(others)[: tray.num_objects - is_there].tolist() + [target] * is_there
+        return cls(scene, tray, _arranged(scene, tray, shapes, rng))
+
+    def press(self, x: float, y: float, rng: np.random.Generator) -> Poke:
+        """Come down on a place of the tray until the pad carries the force or meets the floor."""
+        scene, pad = self.scene, self.scene.pad
+        force = float(scene.variation.force.sample(rng))
+        seen = [self._seen(one, x, y) for one in self.objects]
+        highest = np.array([-np.inf if one is None else one.max() for one in seen])
+        if not len(seen) or highest.max() <= pad.max_depth * 0.1:
+            return Poke(0.0, None, None)
+        met = int(highest.argmax())
+        top = np.maximum.reduce([one for one in seen if one is not None])
+        contact = elastic_contact(pad, highest[met] - np.maximum(top, 0.0), force)
+        image = read_out(scene.image(contact), scene.faults, rng)
+        height = max(1e-6, highest[met] + self.tray.height_noise * float(rng.normal()))
+        if self.tray.push:
+            one = self.objects[met]
+            moved = one.place + np.append(rng.uniform(-self.tray.push, self.tray.push, 2), 0.0)
+            self.objects[met] = one._replace(place=moved)
+        return Poke(float(height), image, met)
+
+    def _seen(self, one: Lying, x: float, y: float) -> Floats | None:
+        """Heights of an object above the floor over the taxels of a pad at a place; None out of reach."""
+        pad, solid = self.scene.pad, list(self.scene.solids.values())[one.shape]
+        along, across = one.place[0] - x, one.place[1] - y
+        if max(abs(along), abs(across)) > solid.bounding_radius * one.scale + pad.half_width:
+            return None
+        turns = one.scale * seen_from_above(one.rotation[None])
+        pixel = 2.0 * pad.half_width / pad.num_taxels
+        return heights(solid.surface, turns, np.array([[across, along]]), pixel, pad.num_taxels)[0] + one.place[2]
+
+
+def _arranged(scene: Scene, tray: Tray, shapes: list[int], rng: np.random.Generator) -> list[Lying]:
+    """Objects of these shapes at random, without overlap."""
+    solids = list(scene.solids.values())
+    angles = np.arange(_OUTLINE) * 2.0 * np.pi / _OUTLINE
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    found: list[Lying] = []
+    outlines: list[Floats] = []
+    for shape in shapes:
+        solid, resting = solids[shape], rests_of(solids[shape])
+        for _ in range(_ATTEMPTS):
+            face = int(rng.choice(len(resting.probs), p=resting.probs))
+            scale = float(rng.uniform(*tray.sizes))
+            rotation = about_vertical(rng.uniform(0.0, 2.0 * np.pi, 1))[0] @ resting.rotations[face]
+            support = scale * (directions @ (rotation[:2] @ solid.surface.vertices)).max(axis=1)
+            margins = [
+                (support[_OUTLINE * side // 4], support[_OUTLINE * side // 4 + _OUTLINE // 2]) for side in (0, 1)
+            ]
+            lows = np.array([margin[1] for margin in margins]) + tray.gap
+            highs = np.array(tray.size) - [margin[0] for margin in margins] - tray.gap
+            if (lows > highs).any():
+                raise InvalidArgument(f"{scene.shape_labels[shape]!r} does not fit in a tray of {tray.size} m")
+            place = rng.uniform(lows, highs)
+            if all(
+                _apart(place, support, one.place[:2], other, directions) >= tray.gap
+                for one, other in zip(found, outlines, strict=True)
+            ):
+                found.append(Lying(shape, scale, rotation, np.append(place, scale * resting.lifts[face])))
+                outlines.append(support)
+                break
+        else:
+            raise InvalidArgument(f"{tray.num_objects} objects do not fit in a tray of {tray.size} m without overlap")
+    return found
+
+
+def _apart(place: Floats, support: Floats, other: Floats, of_other: Floats, directions: Floats) -> float:
+    """Distance of two outlines by their supports in the same directions [m]; negative if they overlap."""
+    between = directions @ (other - place)
+    return float((between - support - np.roll(of_other, _OUTLINE // 2)).max())
+
+
+_RESTS: dict[Shape, Rests] = {}
+
+
+def rests_of(solid: Shape) -> Rests:
+    """:func:`rests`, which is computed once for each body."""
+    if solid not in _RESTS:
+        _RESTS[solid] = rests(solid)
+    return _RESTS[solid]

@@ -1,0 +1,559 @@
+"""Belief about objects that lie in a tray: which there are, where, and how, from touches and from misses.
+
+A *row* of a :class:`PlaceTable` is one way in which a shape may lie: a stable face and a turn about the vertical. A
+hypothesis about an object is a row and a place. A touch at a place comes down until it meets the highest thing below
+it. So every object that would have been met above is excluded, and a contact is of exactly one object:
+
+    p(touch | objects) = Σ_i own(object i) · ∏_{j ≠ i} lower(object j),     p(miss | objects) = ∏_j lower(object j).
+
+Sums over all objects therefore fall apart into sums over each object, once it is said which touch is of which object.
+Such an assignment is a *world*; worlds are weighed and the improbable ones are dropped, as in tracking of several
+targets (Poisson multi-Bernoulli mixtures; Williams 2015, doi:10.1109/TAES.2015.130550). Objects that no touch has met
+share one intensity over rows and places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy  # whose parts load at first use
+from numpy.typing import NDArray
+from scipy.special import logsumexp, ndtr
+
+from belief.errors import ImpossibleObservation
+from belief.validation import Floats
+
+Floats32 = NDArray[np.floating]
+Ints = NDArray[np.int64]
+
+_IRRELEVANT = 1e-6  # weight of a hypothesis, relative to the largest of its object
+_STRAY = 1e-4  # probability that an object is not met although it is hit, or met although it is not
+_ODD, _TALL = 0.02, 0.05  # share of heights that are odd, and the range of heights [m]
+_DEAD = 1e-3  # weight of a world, relative to the largest, below which it is dropped
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceTable:
+    """What presses beside the middle of K shapes would meet, for R rows and G × G offsets of the press from the middle.
+
+    Attributes:
+        labels: of the shapes.
+        shape_of: shape of each row, ``(R,)``.
+        prior: probability of each row given its shape, ``(R,)``.
+        extents: half the extent of each row along x and y [m], ``(R, 2)``.
+        inner: radius of the largest disc about the middle that each row covers [m], ``(R,)``.
+        hit: probability that a press at an offset meets the body, ``(R, G, G)``; the middle is at ``G // 2``.
+        height, spread: height above the floor at which it meets it [m], and its standard deviation, ``(R, G, G)``.
+        embeddings: of the predicted contacts, ``(R, G, G, D)``; the product with that of an image is log p(image |
+            contact) up to a constant of the image.
+        pitch: distance of neighbouring offsets [m].
+    """
+
+    labels: tuple[str, ...]
+    shape_of: Ints
+    prior: Floats
+    extents: Floats
+    inner: Floats
+    hit: Floats32
+    height: Floats32
+    spread: Floats32
+    embeddings: Floats32
+    pitch: float
+
+    @property
+    def reach(self) -> int:
+        """Largest offset, in cells."""
+        return self.hit.shape[1] // 2
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """The offsets of each row at which a press may meet the body."""
+        return Contacts.of(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """The n offsets at which a press may meet a body, of a :class:`PlaceTable`, and the place of each among them.
+
+    ``row``, ``i`` and ``j`` are ``(n,)``, ``hit``, ``height`` and ``spread`` as well, and ``embeddings (n, D)``;
+    ``number (R, G, G)`` is the place of each offset of each row in these, −1 for none.
+    """
+
+    row: Ints
+    i: Ints
+    j: Ints
+    hit: Floats32
+    height: Floats32
+    spread: Floats32
+    embeddings: Floats32
+    number: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, table: PlaceTable) -> Contacts:
+        """Those of a table."""
+        row, i, j = np.nonzero(table.hit > 0.0)
+        number = np.full(table.hit.shape, -1, np.int32)
+        number[row, i, j] = np.arange(len(row), dtype=np.int32)
+        hit, height, spread, embeddings = (
+            np.ascontiguousarray(part[row, i, j]) for part in (table.hit, table.height, table.spread, table.embeddings)
+        )
+        return cls(row, i, j, hit, height, spread, embeddings, number)
+
+
+class PlaceTouch(NamedTuple):
+    """A touch in a tray.
+
+    Attributes:
+        cell: where it was, along x and y, in cells.
+        height: at which it ended, above the floor [m]; 0 for a miss.
+        embedding: of its image, ``(D,)``; None for a miss.
+    """
+
+    cell: tuple[int, int]
+    height: float = 0.0
+    embedding: NDArray[np.floating] | None = None
+
+
+@dataclass(frozen=True)
+class TouchNoise:
+    """How far touches are from what the table predicts.
+
+    Attributes:
+        height: standard deviation of the measured height beside the spread of a cell [m].
+        scale: by which log likelihood ratios of images are multiplied.
+        outliers: share of touches whose height or image has nothing to do with the hypothesis, such as those of a body
+            that does not lie as any row says.
+        push: largest distance along x and y by which a touch moves the object that it meets [m], at most the pitch.
+        drift: share by which errors about one object come again: n touches count as n / (1 + drift · (n − 1)).
+    """
+
+    height: float = 0.001
+    scale: float = 0.9
+    drift: float = 0.03
+    outliers: float = 0.02
+    push: float = 0.0
+
+    def robust(self, scores: Floats32) -> Floats32:
+        """Log likelihood ratios of images, of which some are outliers that say nothing, before the scale."""
+        least = np.float32(np.log(self.outliers) / self.scale)
+        return np.logaddexp(np.float32(self.scale) * (scores - least), 0.0) / np.float32(self.scale) + least
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An object that touches have met, with its hypotheses.
+
+    Attributes:
+        first: number of the touch that met it first.
+        touches: number of touches that met it.
+        row, x, y: of each hypothesis, ``(n,)``.
+        base: log of prior times likelihood of heights, ``(n,)``.
+        sums: log likelihood ratios of its images, ``(n,)``.
+        noise: of the touches.
+        num_shapes: K.
+        shape: of each hypothesis, ``(n,)``.
+    """
+
+    first: int
+    touches: int
+    row: Ints
+    x: Ints
+    y: Ints
+    base: Floats
+    sums: Floats
+    noise: TouchNoise
+    num_shapes: int
+    shape: Ints
+
+    @cached_property
+    def log_weight(self) -> Floats:
+        """Log of prior times likelihood of every hypothesis, ``(n,)``."""
+        factor = self.noise.scale / (1.0 + self.noise.drift * (self.touches - 1))
+        return np.asarray(self.base + factor * self.sums)
+
+    @cached_property
+    def evidence(self) -> Floats:
+        """Log likelihood of all touches given each shape of the object, ``(K,)``."""
+        highest = self.log_weight.max(initial=-np.inf)
+        if highest == -np.inf:
+            return np.full(self.num_shapes, -np.inf)
+        sums = np.bincount(self.shape, np.exp(self.log_weight - highest), self.num_shapes)
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(sums) + highest)
+
+    @cached_property
+    def box(self) -> tuple[int, int, int, int]:
+        """Least and largest place along x and y."""
+        return int(self.x.min()), int(self.x.max()), int(self.y.min()), int(self.y.max())
+
+    def pruned(self) -> Found:
+        """Without irrelevant hypotheses."""
+        kept = self.log_weight > self.log_weight.max() + np.log(_IRRELEVANT)
+        parts = {name: getattr(self, name)[kept] for name in ("row", "x", "y", "base", "sums", "shape")}
+        return replace(self, **parts)
+
+    def probs(self, log_shapes: Floats) -> Floats:
+        """Probability of every hypothesis ``(n,)`` for log weights of the shapes ``(K,)``."""
+        logs = self.log_weight + log_shapes[self.shape]
+        weights = np.exp(logs - logs.max())
+        return np.asarray(weights / weights.sum())
+
+
+class _Felt(NamedTuple):
+    """A touch, and what it says of each of the table's contacts ``(n,)``.
+
+    ``log_lower`` is the log probability that it is not met above the touch; ``log_own`` the log density of the height
+    at which it is met, and ``scores`` the log likelihood ratios of the image; None for a miss.
+    """
+
+    touch: PlaceTouch
+    log_lower: Floats32
+    log_own: Floats32 | None
+    scores: Floats32 | None
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """An assignment of touches to objects: the objects that were met, and the weight of the assignment.
+
+    ``log_odd`` is the log density of touches that are of no object, such as those of an object that lies as no row
+    says.
+    """
+
+    found: tuple[Found, ...]
+    log_weight: float = 0.0
+    log_odd: float = 0.0
+
+
+class Answers(NamedTuple):
+    """Where the target is, in one world: at each found object ``(n,)``, among those not found yet, or absent."""
+
+    found: Floats
+    unfound: float
+    absent: float
+
+
+@dataclass(frozen=True, eq=False)
+class TrayBelief:
+    """The belief about N objects in a tray of which at most one has the target's shape.
+
+    Attributes:
+        table: what presses would meet.
+        size: of the tray along x and y [m].
+        target: index of the shape sought.
+        num_objects: N.
+        present: prior probability that the target is there.
+        noise: of touches.
+        most_worlds: assignments that are kept.
+        separate: whether objects do not overlap.
+        intensity: prior of row and place of an object that no touch has met, given its shape, times the probability of
+            all touches so far, ``(R, X, Y)``.
+        worlds: assignments, the likeliest first.
+        pressed: cells of all touches so far.
+    """
+
+    table: PlaceTable
+    size: tuple[float, float]
+    target: int
+    num_objects: int
+    present: float
+    noise: TouchNoise = field(default_factory=TouchNoise)
+    most_worlds: int = 6
+    separate: bool = True
+    intensity: Floats32 = field(default=None, repr=False)  # type: ignore[arg-type]
+    worlds: tuple[World, ...] = (World(()),)
+    pressed: tuple[tuple[int, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.intensity is None:
+            object.__setattr__(self, "intensity", self._prior())
+
+    @property
+    def num_touches(self) -> int:
+        """Touches so far, misses as well."""
+        return len(self.pressed)
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Cells of the tray along x and y."""
+        return int(self.size[0] / self.table.pitch), int(self.size[1] / self.table.pitch)
+
+    def centre(self, cell: Sequence[float]) -> tuple[float, float]:
+        """The middle of a cell in the tray [m]."""
+        x, y = ((place + 0.5) * self.table.pitch + 0.5 * self._rest(axis) for axis, place in enumerate(cell))
+        return x, y
+
+    def cell_at(self, x: float, y: float) -> tuple[int, int]:
+        """The cell of a place in the tray [m]; the nearest one for a place at its edge."""
+        found = [int((v - 0.5 * self._rest(axis)) // self.table.pitch) for axis, v in enumerate((x, y))]
+        return min(max(found[0], 0), self.cells[0] - 1), min(max(found[1], 0), self.cells[1] - 1)
+
+    def _rest(self, axis: int) -> float:
+        return self.size[axis] - self.cells[axis] * self.table.pitch
+
+    def _prior(self) -> Floats32:
+        middles = [self.centre((place, place)) for place in range(max(self.cells))]
+        inside = []
+        for axis, number in enumerate(self.cells):
+            along = np.array([middle[axis] for middle in middles[:number]])
+            extent = self.table.extents[:, axis, None]
+            inside.append((along >= extent) & (along <= self.size[axis] - extent))
+        fits = (inside[0][:, :, None] & inside[1][:, None, :]).astype(np.float32)
+        numbers = np.maximum(fits.sum(axis=(1, 2)), 1.0)
+        return np.asarray(fits * (self.table.prior / numbers)[:, None, None].astype(np.float32))
+
+    # --- update
+
+    def update(self, touch: PlaceTouch) -> TrayBelief:
+        """The belief after one more touch or miss."""
+        contacts, noise, reach = self.table.contacts, self.noise, self.table.reach
+        x, y = touch.cell[0] + reach - contacts.i, touch.cell[1] + reach - contacts.j
+        inside = np.flatnonzero((x >= 0) & (x < self.cells[0]) & (y >= 0) & (y < self.cells[1]))
+        hit, mean = contacts.hit, contacts.height
+        deviation = np.sqrt(contacts.spread**2 + np.float32(noise.height**2))
+        below = ndtr((np.float32(touch.height) - mean) / deviation) if touch.height > 0.0 else np.float32(0.0)
+        lower = np.float32(_STRAY) + np.float32(1.0 - _STRAY) * (1.0 - hit * (1.0 - below))
+        where = (contacts.row[inside] * self.cells[0] + x[inside]) * self.cells[1] + y[inside]
+        before = self.intensity.ravel()[where]
+        intensity = self.intensity.copy()
+        intensity.ravel()[where] = before * lower[inside]
+        own = scores = None
+        if touch.embedding is not None:
+            scores = contacts.embeddings @ np.asarray(touch.embedding, np.float32)
+            weights = before * hit[inside]
+            level = _log_mean(np.float32(noise.scale) * scores[inside], weights)
+            scores = noise.robust(scores - np.float32(level / noise.scale))  # 0: as good as just any object here
+            density = np.exp(np.float32(-0.5) * ((touch.height - mean) / deviation) ** 2) / deviation
+            own = np.log(hit * (density * np.float32((1.0 - _ODD) / np.sqrt(2.0 * np.pi)) + np.float32(_ODD / _TALL)))
+        felt = _Felt(touch, np.log(lower), own, scores)
+        fresh = None
+        if own is not None and scores is not None:
+            with np.errstate(divide="ignore"):
+                base = np.log(before) + own[inside]
+            kept = base + np.float32(noise.scale) * scores[inside]
+            kept = inside[kept > kept.max(initial=-np.inf) + np.float32(np.log(_IRRELEVANT))]
+            if len(kept):
+                row = contacts.row[kept]
+                base = np.log(self.intensity[row, x[kept], y[kept]]).astype(float) + own[kept]
+                parts = row, x[kept], y[kept], base, scores[kept].astype(float)
+                fresh = Found(self.num_touches, 1, *parts, noise, len(self.table.labels), self.table.shape_of[row])
+                fresh = self._pushed(fresh)
+        cache: dict[tuple[int, bool], Found | None] = {}
+        worlds: list[World] = []
+        for world in self.worlds:
+            others = tuple(self._after(one, felt, False, cache) for one in world.found)
+            if own is None:
+                worlds.append(replace(world, found=others))
+                continue
+            worlds.append(replace(world, found=others, log_odd=world.log_odd + np.log(_STRAY / _TALL)))
+            for number, one in enumerate(world.found):
+                if (met := self._after(one, felt, True, cache)) is not None:
+                    worlds.append(replace(world, found=(*others[:number], met, *others[number + 1 :])))
+            has_room = fresh is not None and len(world.found) < self.num_objects
+            if fresh is not None and has_room and (new := self._kept_apart(fresh, world)) is not None:
+                worlds.append(replace(world, found=(*others, new)))
+        pressed = (*self.pressed, touch.cell)
+        return replace(self, intensity=intensity, worlds=tuple(worlds), pressed=pressed)._weighed()
+
+    def _kept_apart(self, new: Found, world: World) -> Found | None:
+        """A new object, not where a found one is."""
+        if not self.separate or not world.found:
+            return new
+        outside = self.outside(world)[new.shape, new.x, new.y]
+        if not (outside > 0.0).any():
+            return None
+        with np.errstate(divide="ignore"):
+            return replace(new, base=new.base + np.log(outside)).pruned()
+
+    def _after(self, one: Found, felt: _Felt, is_met: bool, cache: dict[tuple[int, bool], Found | None]) -> Any:
+        """A found object after a touch that met it, or another thing; None if it cannot have met it."""
+        key = id(one), is_met
+        if key in cache:
+            return cache[key]
+        reach, cell, (low_x, high_x, low_y, high_y) = self.table.reach, felt.touch.cell, one.box
+        found: Found | None = None if is_met else one
+        if low_x - reach <= cell[0] <= high_x + reach and low_y - reach <= cell[1] <= high_y + reach:
+            i, j = cell[0] - one.x + reach, cell[1] - one.y + reach
+            within = (np.minimum(i, j) >= 0) & (np.maximum(i, j) <= 2 * reach)
+            number = self.table.contacts.number[one.row, np.where(within, i, 0), np.where(within, j, 0)]
+            hits = np.flatnonzero(within & (number >= 0))
+            if not is_met and len(hits):
+                base = one.base.copy()
+                base[hits] += felt.log_lower[number[hits]]
+                found = replace(one, base=base).pruned()
+            elif is_met and len(hits) and felt.log_own is not None and felt.scores is not None:
+                number = number[hits]
+                parts = {name: getattr(one, name)[hits] for name in ("row", "x", "y", "shape")}
+                parts |= {"base": one.base[hits] + felt.log_own[number], "sums": one.sums[hits] + felt.scores[number]}
+                found = self._pushed(replace(one, **parts, touches=one.touches + 1).pruned())
+        cache[key] = found
+        return found
+
+    def _pushed(self, one: Found) -> Found:
+        """A found object after a touch moved it: its places are spread over the neighbouring cells."""
+        if not self.noise.push:
+            return one
+        aside = min(self.noise.push / (4.0 * self.table.pitch), 1.0 / 3.0)  # of a uniform push from anywhere in a cell
+        shares = np.log([aside, 1.0 - 2.0 * aside, aside])
+        steps = np.arange(3) - 1
+        x, y = np.broadcast_arrays(one.x[:, None, None] + steps[:, None], one.y[:, None, None] + steps)
+        logs = one.log_weight[:, None, None] + shares[:, None] + shares
+        row = np.broadcast_to(one.row[:, None, None], logs.shape)
+        inside = (x >= 0) & (x < self.cells[0]) & (y >= 0) & (y < self.cells[1])
+        places = ((row * self.cells[0] + x) * self.cells[1] + y)[inside]
+        cells, owner = np.unique(places, return_inverse=True)
+        highest = float(logs.max())
+        base = np.log(np.bincount(owner.ravel(), np.exp(logs[inside] - highest))) + highest
+        row, rest = np.divmod(cells, self.cells[0] * self.cells[1])
+        x, y = np.divmod(rest, self.cells[1])
+        shape = self.table.shape_of[row]
+        return replace(one, row=row, x=x, y=y, base=base, sums=np.zeros(len(row)), shape=shape).pruned()
+
+    # --- weights of worlds and answers
+
+    def _weighed(self) -> TrayBelief:
+        """With worlds in the order of their weights, without improbable ones."""
+        logs = np.array([self._log_answers(world)[1] for world in self.worlds])
+        if not logs.max(initial=-np.inf) > -np.inf:
+            raise ImpossibleObservation("the touches are impossible for every arrangement of the objects in the tray")
+        order = np.argsort(-logs, kind="stable")[: self.most_worlds]
+        kept = [one for one in order if logs[one] > logs[order[0]] + np.log(_DEAD)]
+        worlds = tuple(replace(self.worlds[one], log_weight=float(logs[one] - logs[order[0]])) for one in kept)
+        return replace(self, worlds=worlds)
+
+    def _log_answers(self, world: World) -> tuple[Floats, float]:
+        """Log weights of the answers: each found object, one not found, absent ``(n + 2,)``; and of their sum."""
+        target, number, num_shapes = self.target, self.num_objects, len(self.table.labels)
+        left, others = number - len(world.found), max(num_shapes - 1, 1)
+        evidence = np.array([one.evidence for one in world.found]).reshape(-1, num_shapes)
+        with np.errstate(divide="ignore"):
+            masses = np.log(self.masses(world))
+            of_others = np.full(len(evidence) + 1, -np.inf)  # each found object, and all that are not found
+            if num_shapes > 1:
+                rest = np.delete(np.vstack([evidence, masses]), target, axis=1)
+                of_others = logsumexp(rest, axis=1) - np.log(others)
+            share, absent = np.log(self.present / number), np.log1p(-self.present)
+            unfound = left * of_others[-1] if left else 0.0
+            logs = np.append(evidence[:, target] + share, [-np.inf, absent + unfound + of_others[:-1].sum()])
+            for place in range(len(evidence)):
+                logs[place] += np.delete(of_others[:-1], place).sum() + unfound
+            if left:
+                rest_unfound = (left - 1) * of_others[-1] if left > 1 else 0.0
+                logs[-2] = np.log(left) + share + masses[target] + rest_unfound + of_others[:-1].sum()
+        logs += np.log(np.arange(left + 1, number + 1, dtype=float)).sum() + world.log_odd
+        total = float(logsumexp(logs))
+        return (logs - total if total > -np.inf else logs), total
+
+    def answers(self, world: World) -> Answers:
+        """Where the target is, in one world."""
+        probs = np.exp(self._log_answers(world)[0])
+        return Answers(probs[:-2], float(probs[-2]), float(probs[-1]))
+
+    def place_of_target(self, one: Found) -> tuple[float, float]:
+        """Mean place of a found object if it is the target [m]; of all its hypotheses if it cannot be."""
+        shapes = np.where(np.arange(one.num_shapes) == self.target, 0.0, -np.inf)
+        if not np.isfinite(one.evidence[self.target]):
+            shapes = np.zeros(one.num_shapes)
+        probs = one.probs(shapes)
+        return self.centre((float(probs @ one.x), float(probs @ one.y)))
+
+    def masses(self, world: World) -> Floats:
+        """Probability of all touches so far given that an object of each shape was not met, ``(K,)``."""
+        shapes = self.by_shape
+        if not (self.separate and world.found):
+            return np.asarray(shapes.sum(axis=(1, 2)), float)
+        return np.einsum("kxy,kxy->k", shapes, self.outside(world), dtype=float)
+
+    @cached_property
+    def by_shape(self) -> Floats32:
+        """The intensity of each shape, whatever the row, ``(K, X, Y)``."""
+        return np.add.reduceat(self.intensity, np.flatnonzero(np.diff(self.table.shape_of, prepend=-1)), axis=0)
+
+    def outside(self, world: World) -> Floats32:
+        """Probability that an object of each shape with its middle in a cell overlaps with no found one, ``(K, X, Y)``.
+
+        Two objects overlap for sure where the discs that they cover do.
+        """
+        margins, number = np.unique(self._margins, return_inverse=True)
+        return np.stack([self.uncovered(world, margin) for margin in margins.tolist()])[number]
+
+    @cached_property
+    def _margins(self) -> Floats:
+        """Radius of the disc that a shape covers however it lies, in half cells [m], ``(K,)``."""
+        first = np.flatnonzero(np.diff(self.table.shape_of, prepend=-1))
+        step = self.table.pitch / 2.0
+        return np.asarray(np.floor(np.minimum.reduceat(self.table.inner, first) / step) * step)
+
+    def uncovered(self, world: World, margin: float) -> Floats32:
+        """Probability that no found object covers a point within a margin [m] of a cell, ``(X, Y)``."""
+        found = np.ones(self.cells, np.float32)
+        for one in world.found:
+            found *= 1.0 - _kept(self, one, margin)
+        return np.clip(found, 0.0, 1.0)
+
+    def unmet(self, world: World) -> Floats32:
+        """Probability that a press in each cell meets no found object, ``(X, Y)``."""
+        found = np.ones(self.cells, np.float32)
+        for one in world.found:
+            found *= 1.0 - _kept(self, one, None)
+        return np.clip(found, 0.0, 1.0)
+
+    def discs(self, one: Found, margin: float) -> Floats32:
+        """Probability that a found object covers a disc about itself that reaches within a margin of a cell."""
+        probs = one.probs(np.zeros(one.num_shapes))
+        radii = np.round((self.table.inner[one.row] + margin) / self.table.pitch).astype(int)
+        found = np.zeros(self.cells, np.float32)
+        for radius in np.unique(radii):
+            some = radii == radius
+            masses = np.bincount(one.x[some] * self.cells[1] + one.y[some], probs[some], self.cells[0] * self.cells[1])
+            along = np.arange(-radius, radius + 1)
+            disc = (along[:, None] ** 2 + along**2 < radius**2).astype(np.float32)
+            found += convolved(masses.reshape(self.cells).astype(np.float32), disc)
+        return found
+
+    def hits(self, one: Found) -> Floats32:
+        """Probability that a press in each cell meets a found object, by hypotheses that stand for all, ``(X, Y)``."""
+        probs, reach = one.probs(np.zeros(one.num_shapes)), self.table.reach
+        places = np.searchsorted(np.cumsum(probs), (np.arange(_STAND_FOR) + 0.5) / _STAND_FOR * (1.0 - 1e-9))
+        chosen, counts = np.unique(np.minimum(places, len(probs) - 1), return_counts=True)
+        found = np.zeros((self.cells[0] + 2 * reach, self.cells[1] + 2 * reach), np.float32)
+        for place, count in zip(chosen.tolist(), counts.tolist(), strict=True):
+            x, y = int(one.x[place]), int(one.y[place])
+            found[x : x + 2 * reach + 1, y : y + 2 * reach + 1] += self.table.hit[one.row[place]] * (count / _STAND_FOR)
+        return np.minimum(found[reach:-reach, reach:-reach], 1.0)
+
+
+_STAND_FOR = 64  # hypotheses
+_KEPT: dict[tuple[int, float | None], tuple[Found, Floats32]] = {}
+_MOST_KEPT = 256
+
+
+def _kept(belief: TrayBelief, one: Found, margin: float | None) -> Floats32:
+    """:meth:`TrayBelief.discs`, or :meth:`TrayBelief.hits` without a margin, computed once for each found object."""
+    key = id(one), margin
+    if key not in _KEPT or _KEPT[key][0] is not one:
+        while len(_KEPT) >= _MOST_KEPT:
+            del _KEPT[next(iter(_KEPT))]
+        _KEPT[key] = one, belief.hits(one) if margin is None else belief.discs(one, margin)
+    return _KEPT[key][1]
+
+
+def convolved(places: Floats32, mask: Floats32) -> Floats32:
+    """Sum over places of their weight and of a mask ``(2 n + 1, 2 n + 1)`` about each, ``(X, Y)``, at least zero."""
+    fft = scipy.fft
+    size = [fft.next_fast_len(number + len(mask) - 1, True) for number in places.shape]
+    found = fft.irfft2(fft.rfft2(places, size) * fft.rfft2(mask, size), size)
+    reach = len(mask) // 2
+    return np.maximum(found[reach : reach + places.shape[0], reach : reach + places.shape[1]], 0.0)
+
+
+def _log_mean(logs: Floats32, weights: Floats32) -> float:
+    """Log of the weighted mean of exponentials."""
+    highest = float(logs.max(initial=-np.inf, where=weights > 0.0))
+    if highest == -np.inf:
+        return 0.0
+    return float(np.log(weights @ np.exp(np.minimum(logs - np.float32(highest), 0.0)) / weights.sum())) + highest

@@ -1,0 +1,259 @@
+"""``activetouch drawer``: is the object of this shape in the tray, and where? Searches with several deciders.
+
+Every decider searches the same trays, and the same press gives every decider the same measurement. Finished searches
+are kept in ``episodes.jsonl``, so that an interrupted command continues.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from activetouch.tray.world import Tray
+from belief.statistics.comparison import wilson_interval
+from belief.table import Table
+from belief.validation import require_count
+from experiments.command_line.arguments import Count, Jobs, Seed
+from experiments.drawer.page import searches_from_above
+from experiments.drawer.searches import Key, Searches, read_searches, write_searches
+from experiments.parallel import default_jobs, run_tasks
+from experiments.report import Report, Reported, Section
+from planners.tray import TrayRules
+from planners.tray_session import TrayEpisode
+
+Shapes = Mapping[str, Any] | Sequence[Path | str] | Path | None
+_AT_ONCE = 4  # searches of a task
+_FILE = "episodes.jsonl"
+
+
+@dataclass(frozen=True, eq=False)
+class Drawers(Reported):
+    """Searches in trays, by decider; prints as their table.
+
+    Attributes:
+        searches: what determines them.
+        episodes: of each decider, the same trays in the same order.
+    """
+
+    searches: Searches
+    episodes: Mapping[str, Sequence[TrayEpisode]]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each decider: answers that are right, targets that are found, touches, travel."""
+        found = []
+        for decider, listed in self.episodes.items():
+            answered = [one for one in listed if one.answer != "unsure"]
+            there = [one for one in listed if one.is_there]
+            absent = [one for one in listed if not one.is_there]
+            right, hits = sum(bool(one.success) for one in answered), sum(bool(one.success) for one in there)
+            wrong = sum(one.answer == "here" for one in absent)
+            found.append(
+                {
+                    "decider": decider,
+                    "searches": len(listed),
+                    "answered": len(answered) / len(listed),
+                    "stated": float(np.mean([one.stated for one in answered])) if answered else None,
+                    "right": right / len(answered) if answered else None,
+                    "right_interval": wilson_interval(right, len(answered)) if answered else None,
+                    "found": hits / len(there) if there else None,
+                    "called_present": wrong / len(absent) if absent else None,
+                    "touches": float(np.mean([one.num_touches for one in listed])),
+                    "touches_error": _error([one.num_touches for one in listed]),
+                    "travel": float(np.mean([one.travel for one in listed])),
+                }
+            )
+        return found
+
+    def table(self) -> Table:
+        """The rows."""
+        names = ("decider", "searches", "answered", "stated", "right", "right_interval", "found", "called_present")
+        headings = [
+            "decider",
+            ("searches", "d"),
+            ("answered", ".3f"),
+            ("stated", ".3f"),
+            ("right", ".3f"),
+            ("95 %", ".3f"),
+            ("found", ".3f"),
+            ("absent, called present", ".3f"),
+            ("touches", ".1f"),
+            ("± 95 %", ".1f"),
+            ("travel [m]", ".2f"),
+        ]
+        rows = [[row[name] for name in (*names, "touches", "touches_error", "travel")] for row in self.rows()]
+        tray = self.searches.tray
+        note = (
+            f"{tray.num_objects} objects in a tray of {1000 * tray.size[0]:g} x {1000 * tray.size[1]:g} mm; the target "
+            f"is there in {tray.present:g} of the trays. Stated and right: of searches that were answered. Found: of "
+            f"the targets that were there."
+        )
+        return Table("searches in a tray", headings, rows, note, "drawer")
+
+    def __str__(self) -> str:
+        return str(self.table())
+
+    def verdict(self) -> list[str]:
+        """What the searches say, in sentences."""
+        first, *others = self.rows()
+        said = [
+            f"{first['decider']} is right in {round(first['right'] * first['answered'] * first['searches'])} of "
+            f"{first['searches']} searches, after {first['touches']:.1f} touches and {first['travel']:.2f} m of travel "
+            "in the mean."
+            if first["right"] is not None
+            else f"{first['decider']} answered in none of {first['searches']} searches."
+        ]
+        for row in others:
+            shares = [first[name] / max(row[name], 1e-12) for name in ("touches", "travel")]
+            said.append(
+                f"{row['decider']} needs {row['touches']:.1f} touches and {row['travel']:.2f} m: "
+                f"{first['decider']} takes {shares[0]:.2f} and {shares[1]:.2f} of it."
+            )
+        return said
+
+    def report(self) -> Report:
+        """Sentences, the table, and the first searches seen from above."""
+        pictures = searches_from_above(self.searches, self.episodes)
+        sections = [
+            Section("", self.verdict(), [self.table()]),
+            Section(
+                "Searches from above",
+                ["The finger's way, what it met, and where the target is said to be."],
+                pictures=pictures,
+            ),
+        ]
+        return Report("Where in the tray is it?", sections)
+
+
+def drawer(
+    deciders: Sequence[str] = ("information_per_cost", "raster"),
+    *,
+    sensor: str = "gel",
+    shapes: Shapes = None,
+    targets: Sequence[str] = (),
+    num_searches: int = 100,
+    tray: Tray | None = None,
+    rules: TrayRules | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+    jobs: int | None = None,
+) -> Drawers:
+    """Search in trays with several deciders.
+
+    Args:
+        deciders: keys of :data:`activetouch.tray.sensor.DECIDERS`.
+        sensor: scene whose pad comes down: gel, coarse or hard.
+        shapes: that the objects may have: solids by label, a folder of mesh files, or mesh files; the twelve shapes of
+            the scene ``many`` by default.
+        targets: shapes that are sought in turn; all by default.
+        num_searches: number of searches of each decider.
+        tray: the tray; six objects on 400 x 300 mm by default.
+        rules: when to stop, and what travel costs.
+        seed: of objects and touches.
+        out: folder in which finished searches are kept.
+        jobs: number of processes; as many as processors by default.
+
+    Raises:
+        UnknownName: there is no such sensor, target or decider.
+        InvalidArgument: there are fewer shapes than objects.
+    """
+    require_count("num_searches", num_searches)
+    searches = Searches(sensor, shapes, tray or Tray(), rules or TrayRules(), seed)
+    made = searches.made()
+    for decider in deciders:
+        made.decider(decider)  # which also prepares what all searches share
+    labels = list(targets) or list(made.shape_labels)
+    keys = [(decider, labels[number % len(labels)], number) for number in range(num_searches) for decider in deciders]
+    kept = {} if out is None else read_searches(Path(out) / _FILE, searches)
+    missing = [key for key in keys if key not in kept]
+    tasks = [partial(_played, searches, missing[at : at + _AT_ONCE]) for at in range(0, len(missing), _AT_ONCE)]
+    for found in run_tasks(tasks, jobs, "searching in trays"):
+        kept |= found
+        if out is not None:
+            write_searches(Path(out) / _FILE, searches, kept)
+    by_decider = {name: [kept[key] for key in keys if key[0] == name] for name in dict.fromkeys(deciders)}
+    return Drawers(searches, by_decider)
+
+
+def _played(searches: Searches, keys: Sequence[Key]) -> dict[Key, TrayEpisode]:
+    sensor = searches.made()
+    return {key: sensor.search(key[1], key[0], (searches.seed, key[2])) for key in keys}
+
+
+def _error(values: Sequence[float]) -> float:
+    """Half the width of a 95 % interval of the mean."""
+    return 1.96 * float(np.std(values, ddof=1)) / len(values) ** 0.5 if len(values) > 1 else 0.0
+
+
+@dataclass(frozen=True)
+class Drawer:
+    """Find an object in a tray: places and turns of all objects are unknown, and every touch and way costs.
+
+    Nothing is trained. What a press meets of each shape, on each face and in each turn, is computed once and kept.
+
+    For example:
+
+        activetouch drawer
+        activetouch drawer scans --target mug --objects 5 --searches 20
+        activetouch drawer --sensor coarse --deciders information_per_cost raster random --present 0.5
+    """
+
+    folder: Annotated[Path | None, tyro.conf.Positional] = None
+    """Folder of mesh files that the objects may be; the twelve shapes of the scene many by default."""
+    target: tuple[str, ...] = ()
+    """Shapes that are sought, in turn; all by default."""
+    sensor: str = "gel"
+    """Scene whose pad comes down on the tray: gel, coarse or hard."""
+    deciders: tuple[str, ...] = ("information_per_cost", "raster")
+    """Deciders: information_per_cost, raster, random."""
+    searches: Count = 24
+    """Searches of each decider."""
+    objects: Count = 6
+    """Objects in the tray."""
+    present: Annotated[float, tyro.conf.arg(name="present")] = 0.8
+    """Probability that the target is in the tray."""
+    size: tuple[float, float] = (400.0, 300.0)
+    """Length and width of the tray [mm]."""
+    push: float = 0.0
+    """Largest distance along the tray's edges by which a touch moves an object [mm]."""
+    travel: float = 20.0
+    """Cost of a metre of travel, in touches."""
+    sure: float = 0.95
+    """Stated probability from which the search ends."""
+    seed: Seed = 0
+    """Seed of objects and touches."""
+    out: Path = Path("runs/drawer")
+    """Folder of the searches and the report; finished searches are kept."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Number of processes; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Search, print the table, write the report."""
+        start = time.perf_counter()
+        tray = Tray(
+            size=(self.size[0] / 1000.0, self.size[1] / 1000.0),
+            num_objects=self.objects,
+            present=self.present,
+            push=self.push / 1000.0,
+        )
+        found = drawer(
+            self.deciders,
+            sensor=self.sensor,
+            shapes=self.folder,
+            targets=self.target,
+            num_searches=self.searches,
+            tray=tray,
+            rules=TrayRules(self.travel, self.sure),
+            seed=self.seed,
+            out=self.out,
+            jobs=self.jobs,
+        )
+        print(found.table(), end="\n\n")
+        print(*found.verdict(), sep="\n")
+        print(f"{time.perf_counter() - start:.0f} s; report: {found.save(self.out)}")

@@ -1,0 +1,106 @@
+"""What determines searches in trays, and the file of those that were played."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from activetouch.tray.sensor import TraySensor
+from activetouch.tray.world import Tray
+from belief.errors import CorruptFile, InvalidArgument
+from belief.files import write_text
+from planners.tray import TrayRules
+from planners.tray_session import TrayEpisode, TrayStep
+
+Key: TypeAlias = tuple[str, str, int]
+"""Decider, target and number of a search."""
+
+
+@dataclass(frozen=True)
+class Searches:
+    """What determines a search in a tray, apart from decider, target and number: one record of command and function.
+
+    Attributes:
+        sensor: scene whose pad comes down on the tray, with its reader of any object.
+        shapes: folder of meshes, or mesh files; None for the twelve shapes of ``many``.
+        tray: and what lies in it.
+        rules: when to stop, and what travel costs.
+        seed: of all searches.
+    """
+
+    sensor: str = "gel"
+    shapes: Any = None
+    tray: Tray = field(default_factory=Tray)
+    rules: TrayRules = field(default_factory=TrayRules)
+    seed: int = 0
+
+    def made(self) -> TraySensor:
+        """The sensor; the same one at the next call."""
+        return _made(self.key, _Same((self,)))
+
+    @property
+    def key(self) -> str:
+        """What a file of episodes says of it."""
+        shapes = self.shapes
+        if isinstance(shapes, Mapping):
+            shapes = {label: str(solid) for label, solid in shapes.items()}
+        listed = [str(one) for one in shapes] if isinstance(shapes, list | tuple) else shapes
+        given = asdict(replace(self, shapes=listed if isinstance(listed, dict | list | None) else str(listed)))
+        return json.dumps(given, sort_keys=True)
+
+
+class _Same(tuple[Searches]):
+    """A tuple that is equal to every other one, so that the key alone decides."""
+
+    def __eq__(self, other: object) -> bool:
+        return True
+
+    def __hash__(self) -> int:
+        return 0
+
+
+@lru_cache(maxsize=2)
+def _made(key: str, holder: _Same) -> TraySensor:
+    searches = holder[0]
+    return TraySensor.shipped(searches.sensor, searches.shapes, searches.tray, searches.rules)
+
+
+def write_searches(path: Path, searches: Searches, kept: Mapping[Key, TrayEpisode]) -> None:
+    """Write searches to a file, atomically."""
+    lines = [json.dumps({"searches": searches.key})]
+    for key in sorted(kept):
+        episode = asdict(kept[key])
+        lines.append(json.dumps({"decider": key[0], "number": key[2], **episode}))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def read_searches(path: Path, searches: Searches) -> dict[Key, TrayEpisode]:
+    """The finished searches of a file; none if there is no file."""
+    if not path.exists():
+        return {}
+    found: dict[Key, TrayEpisode] = {}
+    try:
+        head, *lines = path.read_text(encoding="utf-8").splitlines()
+        if json.loads(head)["searches"] != searches.key:
+            raise InvalidArgument(f"{path} holds searches with other settings: choose another folder, or delete it")
+        for line in lines:
+            fields = json.loads(line)
+            decider, number = fields.pop("decider"), fields.pop("number")
+            fields["steps"] = tuple(TrayStep(tuple(place), *others) for place, *others in fields["steps"])
+            fields["objects"] = tuple((str(name), float(x), float(y)) for name, x, y in fields["objects"])
+            fields |= {
+                "seed": tuple(fields["seed"]),
+                "place": None if fields["place"] is None else tuple(fields["place"]),
+            }
+            episode = TrayEpisode(**fields)
+            found[str(decider), episode.target, int(number)] = episode
+    except (ValueError, KeyError, TypeError) as error:
+        if isinstance(error, InvalidArgument):
+            raise
+        raise CorruptFile(f"{path} does not hold searches in trays: {error}") from error
+    return found

@@ -1,0 +1,372 @@
+"""Searches in a tray: where to press next, which object to confirm, and when to say that the target is absent.
+
+A decider sees a :class:`belief.tray.TrayBelief` and where the pad is, and answers :class:`Press`, :class:`ConfirmAt`,
+``Reject`` or ``Unsure``. :class:`TraySession` asks and is told; a robot plays it, or :func:`search_tray` with a world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.problem import Reject, Unsure
+from belief.tray import Found, PlaceTable, TrayBelief, World, convolved
+from belief.validation import Floats
+
+_FEW = 32  # hypotheses of an object that outcomes are drawn from
+_LEAST = 0.002  # probability of being the target above which an object is examined
+_NEGLIGIBLE, _SAME = 1e-6, 0.015  # probability of an object that is not listed; distance of places that are one [m]
+_EXAMINED = 4  # objects that are examined at most
+
+
+class Press(NamedTuple):
+    """Come down on a cell of the tray."""
+
+    cell: tuple[int, int]
+
+
+class ConfirmAt(NamedTuple):
+    """The target is the object at a place (x, y) [m]."""
+
+    place: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class TrayDecision:
+    """An action, and named scores that explain it."""
+
+    action: Press | ConfirmAt | Reject | Unsure
+    scores: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class TrayRules:
+    """Costs and stops of a search in a tray.
+
+    Attributes:
+        travel: cost of a metre of travel, in touches.
+        sure: stated probability from which the target is confirmed, or said to be absent.
+        most_touches: after which the answer is "I do not know".
+    """
+
+    travel: float = 20.0
+    sure: float = 0.95
+    most_touches: int = 150
+
+
+class TrayDecider(Protocol):
+    """Chooses where to press next."""
+
+    def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
+        """A press, from where the pad is (x, y) [m]."""
+
+
+class Standing(NamedTuple):
+    """What a belief says about the target over all worlds: where it may be, that it is absent, or not found yet.
+
+    ``places`` are pairs of a place (x, y) [m] and the probability that the target is the object there, the likeliest
+    first.
+    """
+
+    places: list[tuple[tuple[float, float], float]]
+    absent: float
+    unfound: float
+
+    @property
+    def target(self) -> float:
+        """Probability of the likeliest place; 0 without one."""
+        return self.places[0][1] if self.places else 0.0
+
+
+def stop(standing: Standing, num_touches: int, rules: TrayRules) -> TrayDecision | None:
+    """The answer, if one is probable enough; None as long as none is."""
+    if standing.target >= rules.sure:
+        return TrayDecision(ConfirmAt(standing.places[0][0]), {"stated": standing.target})
+    if standing.absent >= rules.sure:
+        return TrayDecision(Reject(), {"stated": standing.absent})
+    if num_touches >= rules.most_touches:
+        return TrayDecision(Unsure(), {"stated": max(standing.target, standing.absent)})
+    return None
+
+
+def standing_of(belief: TrayBelief) -> Standing:
+    """Where the target may be. Objects that different worlds have at one place are one."""
+    weights = np.exp([world.log_weight for world in belief.worlds])
+    weights /= weights.sum()
+    absent = unfound = 0.0
+    listed: list[tuple[float, tuple[float, float]]] = []
+    for weight, world in zip(weights.tolist(), belief.worlds, strict=True):
+        answers = belief.answers(world)
+        absent += weight * answers.absent
+        unfound += weight * answers.unfound
+        for one, prob in zip(world.found, answers.found.tolist(), strict=True):
+            if weight * prob > _NEGLIGIBLE:
+                listed.append((weight * prob, belief.place_of_target(one)))
+    places: list[tuple[tuple[float, float], float]] = []
+    for prob, place in sorted(listed, reverse=True):
+        number = next(
+            (k for k, (at, _) in enumerate(places) if np.hypot(at[0] - place[0], at[1] - place[1]) < _SAME), None
+        )
+        if number is None:
+            places.append((place, prob))
+        else:
+            places[number] = places[number][0], places[number][1] + prob
+    places.sort(key=lambda one: -one[1])
+    return Standing(places, absent, unfound)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceOutcomes:
+    """Touches that stand for all, ``(M, D)``, as outcomes of the next touch that meets something."""
+
+    table: PlaceTable
+    references: NDArray[np.floating]
+    scale: float
+
+    def log_probs(self, row: Any, i: Any, j: Any) -> Floats:
+        """Log p(reference | hypothesis) of hypotheses with offsets, ``(..., M)``."""
+        scores = self.scale * (self.table.embeddings[row, i, j] @ self.references.T)
+        scores = scores - self._level
+        scores -= scores.max(axis=-1, keepdims=True)
+        return np.asarray(scores - np.log(np.exp(scores).sum(axis=-1, keepdims=True)))
+
+    @property
+    def _level(self) -> Floats:
+        return _levels(self)
+
+
+@lru_cache(maxsize=16)
+def _levels(outcomes: PlaceOutcomes) -> Floats:
+    """Log mean ratio of each reference over all contacts, ``(M,)``."""
+    table = outcomes.table
+    weights = (table.hit * table.prior[:, None, None]).ravel()
+    some = np.flatnonzero(weights > 0.0)[:: max(1, int((weights > 0.0).sum()) // 4000)]
+    flat = table.embeddings.reshape(len(weights), -1)[some]
+    scores = outcomes.scale * (flat @ outcomes.references.T)
+    highest = scores.max(axis=0)
+    return np.asarray(np.log(weights[some] @ np.exp(scores - highest) / weights[some].sum()) + highest)
+
+
+@dataclass(frozen=True, eq=False)
+class InformationPerCost:
+    """Presses where the expected information about the answer, divided by the cost of the press, is largest.
+
+    The answer is which object is the target, or that it was not found yet, or that it is absent. Two kinds of presses
+    are weighed: of a found object, and of a place where nothing was found yet.
+
+    Attributes:
+        rules: of the search, with the cost of travel.
+        outcomes: of touches.
+        first_share: part of the uncertainty about one object that its first touch removes.
+    """
+
+    rules: TrayRules
+    outcomes: PlaceOutcomes
+    first_share: float = 0.4
+
+    def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
+        """See :class:`TrayDecider`."""
+        world = belief.worlds[0]
+        answers = belief.answers(world)
+        gains = self._of_new(belief, world, answers.unfound)
+        order = np.argsort(-answers.found)[:_EXAMINED]
+        for number in order.tolist():
+            if answers.found[number] * (1.0 - answers.found[number]) > _LEAST:
+                cells, gain = self._of_found(belief, world.found[number], float(answers.found[number]), rng)
+                gains[tuple(cells.T)] = np.maximum(gains[tuple(cells.T)], gain)
+        allowed = _allowed(belief, self.outcomes)
+        cost = 1.0 + self.rules.travel * _distances(belief, at)
+        index = np.where(allowed, gains / cost, -1.0)
+        cell = np.unravel_index(int(index.argmax()), index.shape)
+        return TrayDecision(Press((int(cell[0]), int(cell[1]))), {"gain": float(gains[cell])})
+
+    def _of_new(self, belief: TrayBelief, world: World, unfound: float) -> Floats:
+        """Expected information of a press of a place where nothing was found, ``(X, Y)`` [nats]."""
+        of_target, of_others = cover(belief, world)
+        left = belief.num_objects - len(world.found)
+        if left == 0:
+            return np.zeros(belief.cells)
+        missed_others = (1.0 - of_others) ** np.maximum(left - 1, 0)
+        hit_if = of_target + (1.0 - of_target) * (1.0 - missed_others)
+        hit_else = 1.0 - (1.0 - of_others) ** left
+        hit = unfound * hit_if + (1.0 - unfound) * hit_else
+        told = _entropy(hit) - unfound * _entropy(hit_if) - (1.0 - unfound) * _entropy(hit_else)
+        share = unfound * of_target / np.maximum(hit, 1e-12)
+        return np.asarray(told + self.first_share * hit * _entropy(np.clip(share, 0.0, 1.0)))
+
+    def _of_found(self, belief: TrayBelief, one: Found, prob: float, rng: np.random.Generator) -> tuple[Any, Floats]:
+        """Cells beside a found object, ``(c, 2)``, and the expected information of a press there ``(c,)`` [nats]."""
+        table, target = belief.table, belief.target
+        shapes = np.full(one.num_shapes, (1.0 - prob) / max(one.num_shapes - 1, 1))
+        shapes[target] = prob
+        total = one.evidence[target]
+        others = np.delete(one.evidence, target)
+        common = np.logaddexp.reduce(others)
+        logs = one.log_weight - np.where(one.shape == target, total, common)
+        halves = []
+        for is_target in (True, False):
+            some = np.flatnonzero((one.shape == target) == is_target)
+            weights = np.exp(logs[some])
+            if not weights.sum() > 0.0:
+                return np.zeros((0, 2), int), np.zeros(0)
+            halves.append(some[_systematic(weights / weights.sum(), _FEW // 2, rng)])
+        chosen = np.concatenate(halves)
+        of_target = np.repeat([True, False], _FEW // 2)
+        x, y, row = one.x[chosen], one.y[chosen], one.row[chosen]
+        reach = table.reach
+        xs = np.arange(max(x.min() - 6, 0), min(x.max() + 7, belief.cells[0]))
+        ys = np.arange(max(y.min() - 6, 0), min(y.max() + 7, belief.cells[1]))
+        cells = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+        if len(cells) > 72:
+            cells = cells[(cells.sum(axis=1) + cells[:, 0] // 2) % (len(cells) // 72 + 1) == 0]
+        i, j = cells[:, :1] - x + reach, cells[:, 1:] - y + reach
+        within = (np.minimum(i, j) >= 0) & (np.maximum(i, j) <= 2 * reach)
+        i, j = np.clip(i, 0, 2 * reach), np.clip(j, 0, 2 * reach)
+        hit = np.where(within, table.hit[row, i, j], 0.0)  # (c, h)
+        height, spread = table.height[row, i, j], table.spread[row, i, j]
+        deviation = np.sqrt(spread**2 + belief.noise.height**2)
+        image = self.outcomes.log_probs(row, i, j)  # (c, h, M)
+        drawn_hit = rng.uniform(size=hit.shape) < hit
+        drawn_height = height + deviation * rng.normal(size=hit.shape)
+        drawn = (image + rng.gumbel(size=image.shape)).argmax(axis=2)  # (c, h)
+        scores = np.take_along_axis(image, drawn[:, None, :], axis=2)  # (c, h, outcome)
+        z = (drawn_height[:, None, :] - height[:, :, None]) / deviation[:, :, None]
+        met = np.log(np.maximum(hit, 1e-4))[:, :, None] - 0.5 * z**2 - np.log(deviation)[:, :, None] + scores
+        missed = np.log(np.maximum(1.0 - hit, 1e-4))[:, :, None]
+        likelihood = np.where(drawn_hit[:, None, :], met, missed)  # (c, hypothesis, outcome)
+        top = likelihood.max(axis=1)
+        likelihood = np.exp(likelihood - top[:, None])
+        given = np.stack([likelihood[:, of_target].mean(axis=1), likelihood[:, ~of_target].mean(axis=1)])  # (2, c, o)
+        posterior = prob * given[0] / np.maximum(prob * given[0] + (1.0 - prob) * given[1], 1e-300)
+        weight = np.where(of_target, prob, 1.0 - prob) / (_FEW // 2)
+        expected = (_entropy(posterior) * weight).sum(axis=1)
+        return cells, np.maximum(_entropy(np.array(prob)) - expected, 0.0)
+
+
+@dataclass(eq=False)
+class RasterThenIdentify:
+    """Presses on rows of a raster, and touches every new object until its shape is named: the usual way.
+
+    Attributes:
+        rules: of the search.
+        outcomes: of touches.
+        spacing: distance of the rows, and of the presses along them [m].
+    """
+
+    rules: TrayRules
+    outcomes: PlaceOutcomes
+    spacing: float = 0.036
+    _next: int = 0
+    _points: list[tuple[float, float]] = field(default_factory=list)
+
+    def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
+        """See :class:`TrayDecider`."""
+        if belief.num_touches == 0:
+            self._next, self._points = 0, raster(belief.size, self.spacing)
+        for one in belief.worlds[0].found:
+            named = np.exp(one.evidence - np.logaddexp.reduce(one.evidence))
+            if named.max() < self.rules.sure and one.touches < 20:
+                return TrayDecision(Press(self._closer(belief, one, at, rng)), {"named": float(named.max())})
+        place = self._points[self._next % len(self._points)]
+        self._next += 1
+        return TrayDecision(Press(belief.cell_at(*place)), {"row": float(self._next)})
+
+    def _closer(self, belief: TrayBelief, one: Found, at: Any, rng: np.random.Generator) -> tuple[int, int]:
+        likeliest = int(one.evidence.argmax())
+        look = InformationPerCost(self.rules, self.outcomes)
+        other = belief if likeliest == belief.target else _seeking(belief, likeliest)
+        prob = float(np.exp(one.evidence[likeliest] - np.logaddexp.reduce(one.evidence)))
+        cells, gain = look._of_found(other, one, prob, rng)
+        allowed = _allowed(belief, self.outcomes)[tuple(cells.T)]
+        cost = 1.0 + self.rules.travel * _distances(belief, at)[tuple(cells.T)]
+        cell = cells[int(np.where(allowed, gain / cost, -1.0).argmax())]
+        return int(cell[0]), int(cell[1])
+
+
+@dataclass(frozen=True, eq=False)
+class RandomPlaces:
+    """Presses anywhere."""
+
+    outcomes: PlaceOutcomes
+
+    def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
+        """See :class:`TrayDecider`."""
+        cells = np.argwhere(_allowed(belief, self.outcomes))
+        cell = cells[rng.integers(len(cells))]
+        return TrayDecision(Press((int(cell[0]), int(cell[1]))))
+
+
+def raster(size: tuple[float, float], spacing: float) -> list[tuple[float, float]]:
+    """Places on rows, to and fro, that cover a tray [m].
+
+    >>> raster((0.08, 0.08), 0.04)
+    [(0.02, 0.02), (0.06, 0.02), (0.06, 0.06), (0.02, 0.06)]
+    """
+    along, across = (max(1, round(edge / spacing)) for edge in size)
+    xs, ys = ((np.arange(n) + 0.5) / n * edge for n, edge in ((along, size[0]), (across, size[1])))
+    rows = [(xs if row % 2 == 0 else xs[::-1], y) for row, y in enumerate(ys)]
+    return [(float(round(x, 9)), float(round(y, 9))) for row, y in rows for x in row]
+
+
+def cover(belief: TrayBelief, world: World) -> tuple[Floats, Floats]:
+    """Probability that a press in each cell meets an object not found yet: the target, and just any other; ``(X, Y)``.
+
+    Rows of a shape are averaged, which is exact where no touch has told them apart.
+    """
+    table, kinds = belief.table, []
+    shapes = belief.by_shape
+    if belief.separate and world.found:
+        shapes = shapes * belief.outside(world)
+    shown = belief.unmet(world)
+    for is_target in (True, False):
+        rows = np.flatnonzero((table.shape_of == belief.target) == is_target)
+        kind = np.arange(len(table.labels)) == belief.target
+        places = shapes[kind == is_target].sum(axis=0)
+        hit = np.tensordot(table.prior[rows], table.hit[rows], 1) / table.prior[rows].sum()
+        kinds.append(shown * convolved(places / max(float(places.sum()), 1e-300), hit))
+    return kinds[0], kinds[1]
+
+
+def _seeking(belief: TrayBelief, target: int) -> TrayBelief:
+    from dataclasses import replace
+
+    return replace(belief, target=target)
+
+
+def _allowed(belief: TrayBelief, outcomes: PlaceOutcomes) -> NDArray[np.bool_]:
+    """Cells on which the pad may come down, whose face stays within the walls, ``(X, Y)``."""
+    margin = 0.015
+    sides = []
+    for axis, number in enumerate(belief.cells):
+        middles = np.array([belief.centre((place, place))[axis] for place in range(number)])
+        sides.append((middles >= margin - 1e-9) & (middles <= belief.size[axis] - margin + 1e-9))
+    allowed = np.asarray(sides[0][:, None] & sides[1])
+    if belief.pressed:
+        allowed[tuple(np.array(belief.pressed).T)] = False
+    return allowed
+
+
+def _distances(belief: TrayBelief, at: tuple[float, float]) -> Floats:
+    """Of all cells from a place [m], ``(X, Y)``."""
+    sides = [
+        np.array([belief.centre((place, place))[axis] for place in range(number)]) - at[axis]
+        for axis, number in enumerate(belief.cells)
+    ]
+    return np.hypot(sides[0][:, None], sides[1])
+
+
+def _entropy(probs: Any) -> Floats:
+    """Of binary variables [nats]."""
+    p = np.clip(probs, 1e-12, 1.0 - 1e-12)
+    return np.asarray(-p * np.log(p) - (1.0 - p) * np.log1p(-p))
+
+
+def _systematic(probs: Floats, number: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """So many draws, evenly spaced in the cumulative probability."""
+    places = (np.arange(number) + rng.uniform()) / number
+    return np.minimum(np.searchsorted(np.cumsum(probs), places), len(probs) - 1)
