@@ -14,6 +14,7 @@ share one intensity over rows and places.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -139,8 +140,10 @@ class TouchNoise:
 
     def robust(self, scores: Floats32) -> Floats32:
         """Log likelihood ratios of images, of which some are outliers that say nothing, before the scale."""
-        least = np.float32(np.log(self.outliers) / self.scale)
-        return np.logaddexp(np.float32(self.scale) * (scores - least), 0.0) / np.float32(self.scale) + least
+        if not self.outliers:
+            return scores
+        least = float(np.log(self.outliers)) / self.scale
+        return np.asarray(np.logaddexp(self.scale * (scores - least), 0.0) / self.scale + least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,9 +305,9 @@ class TrayBelief:
             along = np.array([middle[axis] for middle in middles[:number]])
             extent = self.table.extents[:, axis, None]
             inside.append((along >= extent) & (along <= self.size[axis] - extent))
-        fits = (inside[0][:, :, None] & inside[1][:, None, :]).astype(np.float32)
+        fits = (inside[0][:, :, None] & inside[1][:, None, :]).astype(self.table.hit.dtype)
         numbers = np.maximum(fits.sum(axis=(1, 2)), 1.0)
-        return np.asarray(fits * (self.table.prior / numbers)[:, None, None].astype(np.float32))
+        return np.asarray(fits * (self.table.prior / numbers)[:, None, None].astype(self.table.hit.dtype))
 
     # --- update
 
@@ -314,28 +317,28 @@ class TrayBelief:
         x, y = touch.cell[0] + reach - contacts.i, touch.cell[1] + reach - contacts.j
         inside = np.flatnonzero((x >= 0) & (x < self.cells[0]) & (y >= 0) & (y < self.cells[1]))
         hit, mean = contacts.hit, contacts.height
-        deviation = np.sqrt(contacts.spread**2 + np.float32(noise.height**2))
-        below = ndtr((np.float32(touch.height) - mean) / deviation) if touch.height > 0.0 else np.float32(0.0)
-        lower = np.float32(_STRAY) + np.float32(1.0 - _STRAY) * (1.0 - hit * (1.0 - below))
+        deviation = np.sqrt(contacts.spread**2 + noise.height**2)
+        below = ndtr((float(touch.height) - mean) / deviation) if touch.height > 0.0 else 0.0
+        lower = _STRAY + (1.0 - _STRAY) * (1.0 - hit * (1.0 - below))
         where = (contacts.row[inside] * self.cells[0] + x[inside]) * self.cells[1] + y[inside]
         before = self.intensity.ravel()[where]
         intensity = self.intensity.copy()
         intensity.ravel()[where] = before * lower[inside]
         own = scores = None
         if touch.embedding is not None:
-            scores = contacts.embeddings @ np.asarray(touch.embedding, np.float32)
+            scores = contacts.embeddings @ np.asarray(touch.embedding, contacts.embeddings.dtype)
             weights = before * hit[inside]
-            level = _log_mean(np.float32(noise.scale) * scores[inside], weights)
-            scores = noise.robust(scores - np.float32(level / noise.scale))  # 0: as good as just any object here
-            density = np.exp(np.float32(-0.5) * ((touch.height - mean) / deviation) ** 2) / deviation
-            own = np.log(hit * (density * np.float32((1.0 - _ODD) / np.sqrt(2.0 * np.pi)) + np.float32(_ODD / _TALL)))
+            level = _log_mean(noise.scale * scores[inside], weights)
+            scores = noise.robust(scores - level / noise.scale)  # 0: as good as just any object here
+            density = np.exp(-0.5 * ((float(touch.height) - mean) / deviation) ** 2) / deviation
+            own = np.log(hit * (density * ((1.0 - _ODD) / math.sqrt(2.0 * math.pi)) + _ODD / _TALL))
         felt = _Felt(touch, np.log(lower), own, scores)
         fresh = None
         if own is not None and scores is not None:
             with np.errstate(divide="ignore"):
                 base = np.log(before) + own[inside]
-            kept = base + np.float32(noise.scale) * scores[inside]
-            kept = inside[kept > kept.max(initial=-np.inf) + np.float32(np.log(_IRRELEVANT))]
+            kept = base + noise.scale * scores[inside]
+            kept = inside[kept > kept.max(initial=-np.inf) + math.log(_IRRELEVANT)]
             if len(kept):
                 row = contacts.row[kept]
                 base = np.log(self.intensity[row, x[kept], y[kept]]).astype(float) + own[kept]
@@ -556,4 +559,4 @@ def _log_mean(logs: Floats32, weights: Floats32) -> float:
     highest = float(logs.max(initial=-np.inf, where=weights > 0.0))
     if highest == -np.inf:
         return 0.0
-    return float(np.log(weights @ np.exp(np.minimum(logs - np.float32(highest), 0.0)) / weights.sum())) + highest
+    return float(np.log(weights @ np.exp(np.minimum(logs - highest, 0.0)) / weights.sum())) + highest

@@ -73,7 +73,7 @@ def _of_shape(reader: ContactHypotheses, scene: Scene, solid: Shape) -> Floats32
     key = {
         "reader": reader.digest,
         "state": (np.round(code, 7) + 0.0).tolist(),
-        "tray": [PITCH, WIDTH, NUM_TURNS, 2],
+        "tray": [PITCH, WIDTH, NUM_TURNS, 3],
         "body": described(solid),
     }
     return cached_array(key, lambda: _made(reader, code, solid, rests(solid)).astype(np.float16)).astype(np.float32)

@@ -17,6 +17,7 @@ NUM_TURNS = 24
 """Turns about the vertical that are told apart, by 15°."""
 MOST_FACES = 6
 """Stable faces of a body, the likeliest ones."""
+_MOST_CORNERS = 1000  # of a hull, by which heights after a tilt are found
 _MOST_VIEWS = 64  # of faces that are compared
 _ANGLES, _RINGS = 3 * NUM_TURNS, 10  # of a view in polar coordinates
 _PIXELS = 96
@@ -68,7 +69,7 @@ def rests(shape: Shape) -> Rests:
         drawn = kept[np.searchsorted(shares, (np.arange(_MOST_VIEWS) + 0.5) / _MOST_VIEWS)]
         kept, counts = np.unique(drawn, return_counts=True)
         angles[kept] = counts
-    turned = np.stack([_down(downs[one]) for one in kept])
+    turned = _down(downs[kept])
     lifts = -(turned[:, 2] @ vertices.T).min(axis=1)
     views = _views(shape, turned, lifts)
     groups: list[list[int]] = []
@@ -125,7 +126,8 @@ def _facets(hull: scipy.spatial.ConvexHull, centre: Floats) -> tuple[Floats, Flo
     angles = np.bincount(group, 2.0 * np.arctan2(across, below), num)  # van Oosterom & Strackee 1983
     distances = -(hull.equations[first, :3] @ centre + hull.equations[first, 3])
     corners = np.stack((a, b, c))
-    stands = _are_lowest(hull.points[hull.vertices] - centre, hull.equations[first, :3])
+    outer = hull.points[hull.vertices[:: len(hull.vertices) // _MOST_CORNERS + 1]] - centre
+    stands = _are_lowest(outer, hull.equations[first, :3])
     for place in range(3):  # the edge opposite to a corner
         start = corners[(place + 1) % 3]
         outwards = np.cross(corners[(place + 2) % 3] - start, hull.equations[:, :3])
@@ -133,11 +135,13 @@ def _facets(hull: scipy.spatial.ConvexHull, centre: Floats) -> tuple[Floats, Flo
         is_edge = group[hull.neighbors[:, place]] != group
         stands[group[is_edge & (np.einsum("fi,fi->f", start, outwards) < 0.0)]] = False
     rolls, lowest = np.arange(num), np.where(stands, -np.inf, distances)
-    for neighbours in hull.neighbors.T:
-        other = group[neighbours]
-        for one in np.flatnonzero(distances[other] < lowest[group]).tolist():
-            if distances[other[one]] < lowest[group[one]]:
-                lowest[group[one]], rolls[group[one]] = distances[other[one]], other[one]
+    beside = group[hull.neighbors].ravel()
+    around = group.repeat(3)
+    order = np.lexsort((distances[beside], around))
+    parts, begin = np.unique(around[order], return_index=True)
+    best = beside[order][begin]  # the lowest neighbour of each part
+    is_lower = distances[best] < lowest[parts]
+    rolls[parts[is_lower]] = best[is_lower]
     while (rolls[rolls] != rolls).any():
         rolls = rolls[rolls]
     return hull.equations[first, :3], np.asarray(np.bincount(rolls, angles, num), float), np.asarray(distances, float)
@@ -146,8 +150,8 @@ def _facets(hull: scipy.spatial.ConvexHull, centre: Floats) -> tuple[Floats, Flo
 def _are_lowest(corners: Floats, downs: Floats) -> NDArray[np.bool_]:
     """Whether no tilt lowers the centre of mass of a body that rests on each part of its hull, ``(f,)``."""
     angles = np.arange(12) * np.pi / 6
-    frames = np.stack([_down(down) for down in downs])
-    around = np.einsum("ak,fkj->faj", np.stack([np.cos(angles), np.sin(angles)], axis=1), frames[:, :2])
+    across = _down(downs)[:, :2]
+    around = np.einsum("ak,fkj->faj", np.stack([np.cos(angles), np.sin(angles)], axis=1), across)
     lowest = np.full(len(downs), np.inf)
     points = np.asarray(corners, np.float32)
     for tilted in np.moveaxis(np.cos(_TILT) * downs[:, None] + np.sin(_TILT) * around, 1, 0):
@@ -162,12 +166,12 @@ def _highest(corners: NDArray[np.float32], directions: NDArray[np.float32]) -> N
     )
 
 
-def _down(normal: Floats) -> Floats:
-    """A rotation that turns a unit vector to −z."""
-    helper = np.eye(3)[np.abs(normal).argmin()]
-    x = np.cross(helper, normal)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(x, normal) * -1.0, -normal])
+def _down(normals: Floats) -> Floats:
+    """Rotations that turn unit vectors ``(n, 3)`` to −z, ``(n, 3, 3)``."""
+    helpers = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    x = np.cross(helpers, normals)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(x, normals), -normals], axis=1)
 
 
 def _views(shape: Shape, rotations: Floats, lifts: Floats) -> Floats:

@@ -1,0 +1,271 @@
+"""Objects in a tray: how bodies rest, what presses meet, searches that end right, and sessions that robots play."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.spatial
+
+from activetouch import Scene, drawer
+from activetouch.errors import WrongScene
+from activetouch.named_scenes import SCENES
+from activetouch.perception.reader import TactileReader
+from activetouch.sensor_files import MODELS
+from activetouch.shapes import EXTENDED_SHAPES as SHAPES
+from activetouch.shapes import Box
+from activetouch.solids.mesh import Mesh
+from activetouch.tray.resting import rests
+from activetouch.tray.sensor import DECIDERS, TraySensor
+from activetouch.tray.world import Lying, Tray, TrayWorld
+from belief.errors import CorruptFile, InvalidArgument, UnknownName
+from belief.problem import Reject
+from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stop
+from planners.tray_session import TraySession
+
+_SMALL = Tray(size=(0.13, 0.1), num_objects=1, present=0.6)
+
+
+@pytest.fixture(scope="module")
+def sensor() -> TraySensor:
+    """Two shapes, one object, a small tray."""
+    return TraySensor.shipped("coarse", {name: SHAPES[name] for name in ("sphere", "cube")}, _SMALL)
+
+
+@pytest.fixture(scope="module")
+def two(sensor) -> TraySensor:
+    """Two objects of four shapes."""
+    shapes = {name: SHAPES[name] for name in ("sphere", "cube", "half_sphere", "torus")}
+    return TraySensor.shipped("coarse", shapes, Tray(size=(0.16, 0.12), num_objects=2, present=0.7))
+
+
+@pytest.mark.parametrize(
+    ("shape", "lifts", "turns"),
+    [
+        (Box((0.01, 0.02, 0.03)), [0.01, 0.02, 0.03], [12, 12, 12]),
+        (SHAPES["cube"], [0.016], [6]),
+        (SHAPES["sphere"], [0.02], [1]),
+        (SHAPES["torus"], [0.007], [1]),
+        (SHAPES["hexagonal_prism"], [0.016, 0.02], [12, 4]),
+    ],
+)
+def test_a_body_rests_on_its_stable_faces(shape, lifts, turns):
+    found = rests(shape)
+    np.testing.assert_allclose(np.sort(found.lifts), lifts, atol=3e-4)
+    assert sorted(found.turns.tolist()) == sorted(turns)
+    assert found.probs.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(
+        found.rotations @ found.rotations.transpose(0, 2, 1), np.eye(3)[None].repeat(len(lifts), 0), atol=1e-9
+    )
+    np.testing.assert_allclose(np.linalg.det(found.rotations), 1.0)
+
+
+def test_a_flat_face_of_a_high_box_is_less_probable():
+    found = rests(Box((0.01, 0.02, 0.03)))
+    assert found.probs[np.argsort(found.lifts)].tolist() == sorted(found.probs.tolist(), reverse=True)
+
+
+def test_a_body_does_not_rest_where_its_centre_of_mass_overhangs():
+    base = np.array([(0, 0, 0), (0.01, 0, 0), (0.01, 0.01, 0), (0, 0.01, 0)], float)
+    corners = np.vstack([base, base + np.array([0.05, 0.0, 0.03])])  # a prism that leans far over its ends
+    hull = scipy.spatial.ConvexHull(corners)
+    faces = hull.simplices.copy()
+    a, b, c = corners[faces].transpose(1, 0, 2)
+    inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    found = rests(Mesh("prism", corners, faces))
+    on_an_end = np.abs(found.rotations @ np.array([0.0, 0.0, 1.0]))[:, 2] > 0.99
+    assert not on_an_end.any()
+
+
+def test_objects_do_not_overlap_and_are_in_the_tray():
+    scene = replace(SCENES["coarse"].scene, shapes=SCENES["many"].scene.shapes)
+    world = TrayWorld.drawn(scene, Tray(), 3, np.random.default_rng(0))
+    assert len({one.shape for one in world.objects}) == len(world.objects) == 6
+    points = []
+    for one in world.objects:
+        solid = list(scene.solids.values())[one.shape]
+        corners = one.scale * one.rotation @ solid.surface.vertices + one.place[:, None]
+        assert corners[2].min() == pytest.approx(0.0, abs=2e-4)
+        assert (corners[:2].min(axis=1) >= 0.0035).all()
+        assert (corners[:2].max(axis=1) <= np.array([0.4, 0.3]) - 0.0035).all()
+        points.append(corners[:2].T)
+    for n, one in enumerate(points):
+        for other in points[:n]:
+            distance = np.hypot(*(one[::7, None] - other[None, ::7]).transpose(2, 0, 1)).min()
+            assert distance > 0.003
+
+
+def test_a_tray_that_is_too_small_says_so():
+    with pytest.raises(InvalidArgument, match="fit"):
+        TrayWorld.drawn(SCENES["coarse"].scene, Tray(size=(0.03, 0.03), num_objects=1), 0, np.random.default_rng(0))
+    with pytest.raises(InvalidArgument, match="need more than"):
+        TrayWorld.drawn(SCENES["coarse"].scene, Tray(num_objects=6), 0, np.random.default_rng(0))
+
+
+def test_a_press_meets_the_highest_object_or_the_floor(sensor):
+    turn = rests(SHAPES["cube"]).rotations[0]
+    low, high = (Lying(1, 1.0, turn, np.array([x, 0.05, 0.016])) for x in (0.04, 0.09))
+    high = high._replace(scale=1.2, place=np.array([0.09, 0.05, 1.2 * 0.016]))
+    world = TrayWorld(sensor.scene, replace(_SMALL, height_noise=0.0), [low, high])
+    on_low, on_high, between, beside = (
+        world.press(x, 0.05, np.random.default_rng(0)) for x in (0.03, 0.09, 0.065, 0.115 + 0.025)
+    )
+    assert (on_low.met, on_high.met, between.met, beside.met) == (0, 1, 1, None)
+    assert on_low.height == pytest.approx(0.032, abs=1e-4)
+    assert on_high.height == pytest.approx(1.2 * 0.032, abs=1e-4)
+    assert beside.image is None
+    assert beside.height == 0.0
+    assert on_low.image is not None
+    assert on_low.image.shape == (4, 4)
+
+
+def test_the_table_predicts_the_heights_of_presses(sensor):
+    table, rng = sensor.table, np.random.default_rng(0)
+    for row in (0, 3):
+        resting = rests(list(sensor.scene.solids.values())[table.shape_of[row]])
+        turn = (row - np.searchsorted(table.shape_of, table.shape_of[row])) * np.pi / 12
+        spin = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+        place = np.array([0.065, 0.05, resting.lifts[0]])
+        body = Lying(int(table.shape_of[row]), 1.0, spin @ resting.rotations[0], place)
+        world = TrayWorld(sensor.scene, replace(_SMALL, height_noise=0.0), [body])
+        for i, j in ((0, 0), (2, -1), (-3, 2), (4, 0)):
+            met = world.press(0.065 + i * table.pitch, 0.05 + j * table.pitch, rng)
+            at = row, i + table.reach, j + table.reach
+            assert (met.image is not None) == (table.hit[at] > 0.5)
+            if met.image is not None:
+                assert met.height == pytest.approx(float(table.height[at]), abs=0.002 + 2 * float(table.spread[at]))
+
+
+def test_a_cube_in_one_turn_is_met_where_it_lies(sensor):
+    """x and y of the tray, of the image and of the table are the same: a corner of a bar that lies along x is met."""
+    bar = TraySensor.shipped("coarse", {"bar": Box((0.03, 0.008, 0.008)), "sphere": SHAPES["sphere"]}, _SMALL).table
+    rows = np.flatnonzero(bar.shape_of == 0)
+    along = rows[np.argmax(bar.extents[rows, 0])]
+    reach = bar.reach
+    far = round(0.04 / bar.pitch)
+    assert bar.hit[along, reach + far, reach] == 1.0
+    assert bar.hit[along, reach, reach + far] == 0.0
+
+
+@pytest.mark.parametrize("decider", sorted(DECIDERS))
+def test_searches_end_with_an_answer(sensor, decider):
+    found = [sensor.search("cube", decider, seed=seed) for seed in range(4)]
+    assert {one.answer for one in found} <= {"here", "absent", "unsure"}
+    assert sum(bool(one.success) for one in found) >= 3
+    again = sensor.search("cube", decider, seed=0)
+    assert again == found[0]
+    assert all(one.travel > 0.0 and one.num_touches == len(one.steps) for one in found)
+
+
+def test_two_objects_are_told_apart(two):
+    found = [two.search(target, seed=(1, number)) for number, target in enumerate(two.shape_labels)]
+    assert sum(bool(one.success) for one in found) >= 3
+
+
+def test_what_is_stated_ends_a_search():
+    rules = TrayRules(sure=0.9, most_touches=5)
+    here = Standing([((0.1, 0.2), 0.93)], 0.01, 0.06)
+    decision = stop(here, 3, rules)
+    assert decision is not None
+    assert decision.action == ConfirmAt((0.1, 0.2))
+    absent = stop(Standing([((0.1, 0.2), 0.01)], 0.95, 0.04), 3, rules)
+    assert absent is not None
+    assert isinstance(absent.action, Reject)
+    assert stop(Standing([], 0.5, 0.5), 4, rules) is None
+    assert stop(Standing([], 0.5, 0.5), 5, rules) is not None
+
+
+def test_a_robot_plays_a_session(sensor):
+    world = TrayWorld.drawn(sensor.scene, replace(sensor.tray, present=1.0), 1, np.random.default_rng(3))
+    session, rng = sensor.session("cube"), np.random.default_rng(4)
+    while isinstance(session.ask().action, Press):
+        assert session.ask() is session.ask()
+        met = world.press(*session.place(), rng)
+        if met.image is None:
+            session.tell(missed=True)
+        else:
+            session.tell(met.image, met.height)
+    action = session.ask().action
+    assert isinstance(action, ConfirmAt)
+    assert np.hypot(*(world.objects[0].place[:2] - action.place)) < 0.008
+    with pytest.raises(InvalidArgument, match="has ended"):
+        session.place()
+    before, number = session.standing, len(session.steps)
+    session.undo()
+    assert len(session.steps) == number - 1
+    assert isinstance(session.ask().action, Press)
+    assert before.target >= 0.95
+
+
+def test_a_session_refuses_what_makes_no_sense(sensor):
+    session = sensor.session("cube")
+    image = np.zeros((4, 4), np.uint8)
+    for wrong in ({}, {"image": image}, {"height": 0.01}, {"missed": True, "height": 0.01}):
+        with pytest.raises(InvalidArgument, match="missed=True"):
+            session.tell(**wrong)
+    for height in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InvalidArgument, match="above the floor"):
+            session.tell(image, height)
+    for place in ((1.0, 0.0), (np.nan, 0.0), (0.0, -0.1)):
+        with pytest.raises(InvalidArgument, match="in the tray"):
+            session.tell(missed=True, place=place)
+    assert not session.steps
+    with pytest.raises(InvalidArgument, match="nothing was told"):
+        session.undo()
+    with pytest.raises(UnknownName, match="cone"):
+        sensor.session("cone")
+    with pytest.raises(UnknownName, match="decider"):
+        sensor.session("cube", "best")
+    blind = TraySession(sensor.belief("cube"), sensor.decider(), sensor.rules)
+    with pytest.raises(InvalidArgument, match="no reader"):
+        blind.tell(image, 0.01)
+
+
+def test_touches_elsewhere_than_asked_are_evidence(sensor):
+    session = sensor.session("cube")
+    session.tell(missed=True, place=(0.065, 0.05))
+    assert session.steps[0].place == (0.065, 0.05)
+    assert session.belief.pressed == (session.belief.cell_at(0.065, 0.05),)
+    assert 0.2 < standing_of(session.belief).absent < 0.6
+
+
+def test_a_sensor_without_a_reader_of_any_object_is_refused():
+    with pytest.raises(UnknownName, match="keyed"):
+        TraySensor.shipped("keyed")
+
+    with pytest.raises(WrongScene, match="reader of any object"):
+        TraySensor(Scene(), TactileReader.load(MODELS / "keyed" / "reader.safetensors"))
+
+
+def test_rows_of_a_raster_cover_the_tray():
+    places = np.array(raster((0.4, 0.3), 0.036))
+    grid = np.stack(np.meshgrid(np.linspace(0, 0.4, 41), np.linspace(0, 0.3, 31)), axis=-1).reshape(-1, 1, 2)
+    assert np.abs(grid - places).max(axis=2).min(axis=1).max() <= 0.019
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() < 0.04
+
+
+def test_pushed_objects_are_found_as_well(sensor):
+    pushed = replace(sensor, tray=replace(_SMALL, push=0.004))
+    found = [pushed.search("cube", seed=seed) for seed in range(3)]
+    assert sum(bool(one.success) for one in found) >= 2
+
+
+def test_the_command_continues_and_refuses_other_settings(tmp_path, capsys):
+    given = {"sensor": "coarse", "shapes": {name: SHAPES[name] for name in ("sphere", "cube")}, "tray": _SMALL}
+    first = drawer(["information_per_cost"], num_searches=2, out=tmp_path, jobs=1, **given)
+    lines = (tmp_path / "episodes.jsonl").read_text().splitlines()
+    assert len(lines) == 3
+    more = drawer(["information_per_cost", "raster"], num_searches=3, out=tmp_path, jobs=1, **given)
+    assert more.episodes["information_per_cost"][:2] == first.episodes["information_per_cost"]
+    row = more.rows()[0]
+    assert row["searches"] == 3
+    page = more.save(tmp_path).read_text(encoding="utf-8")
+    assert "Where in the tray is it?" in page
+    assert (tmp_path / "search_1.png").exists()
+    with pytest.raises(InvalidArgument, match="other settings"):
+        drawer(["raster"], num_searches=1, out=tmp_path, jobs=1, seed=5, **given)
+    (tmp_path / "episodes.jsonl").write_text("\n".join([lines[0], json.dumps({"decider": 1})]))
+    with pytest.raises(CorruptFile, match="episodes"):
+        drawer(["raster"], num_searches=1, out=tmp_path, jobs=1, **given)
