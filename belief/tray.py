@@ -34,6 +34,7 @@ Ints = NDArray[np.int64]
 _IRRELEVANT = 1e-6  # weight of a hypothesis, relative to the largest of its object
 _STRAY = 1e-4  # probability that an object is not met although it is hit, or met although it is not
 _ODD, _TALL = 0.02, 0.05  # share of heights that are odd, and the range of heights [m]
+_MEETS = 0.7  # probability that a touch near an object of none of the shapes meets it
 _DEAD = 1e-3  # weight of a world, relative to the largest, below which it is dropped
 
 
@@ -49,8 +50,8 @@ class PlaceTable:
         inner: radius of the largest disc about the middle that each row covers [m], ``(R,)``.
         hit: probability that a press at an offset meets the body, ``(R, G, G)``; the middle is at ``G // 2``.
         height, spread: height above the floor at which it meets it [m], and its standard deviation, ``(R, G, G)``.
-        embeddings: of the predicted contacts, ``(R, G, G, D)``; the product with that of an image is log p(image |
-            contact) up to a constant of the image.
+        embeddings: of the contacts at the n offsets with ``hit > 0``, in the order of the array, ``(n, D)``; the
+            product with that of an image is log p(image | contact) up to a constant of the image.
         pitch: distance of neighbouring offsets [m].
     """
 
@@ -99,10 +100,8 @@ class Contacts:
         row, i, j = np.nonzero(table.hit > 0.0)
         number = np.full(table.hit.shape, -1, np.int32)
         number[row, i, j] = np.arange(len(row), dtype=np.int32)
-        hit, height, spread, embeddings = (
-            np.ascontiguousarray(part[row, i, j]) for part in (table.hit, table.height, table.spread, table.embeddings)
-        )
-        return cls(row, i, j, hit, height, spread, embeddings, number)
+        hit, height, spread = (part[row, i, j] for part in (table.hit, table.height, table.spread))
+        return cls(row, i, j, hit, height, spread, table.embeddings, number)
 
 
 class PlaceTouch(NamedTuple):
@@ -112,11 +111,14 @@ class PlaceTouch(NamedTuple):
         cell: where it was, along x and y, in cells.
         height: at which it ended, above the floor [m]; 0 for a miss.
         embedding: of its image, ``(D,)``; None for a miss.
+        level: log p(image | some body), up to the constant of the image that the products of embeddings have, times
+            the scale of the noise; by default that of the bodies which the touch may have met.
     """
 
     cell: tuple[int, int]
     height: float = 0.0
     embedding: NDArray[np.floating] | None = None
+    level: float | None = None
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,7 @@ class Found:
         sums: log likelihood ratios of its images, ``(n,)``.
         noise: of the touches.
         num_shapes: K.
+        log_unlisted: log likelihood of its touches given an object of none of the shapes.
         shape: of each hypothesis, ``(n,)``.
     """
 
@@ -171,6 +174,7 @@ class Found:
     noise: TouchNoise
     num_shapes: int
     shape: Ints
+    log_unlisted: float = -np.inf
 
     @cached_property
     def log_weight(self) -> Floats:
@@ -253,6 +257,7 @@ class TrayBelief:
         noise: of touches.
         most_worlds: assignments that are kept.
         separate: whether objects do not overlap.
+        unlisted: probability that an object which is not the target has none of the shapes.
         intensity: prior of row and place of an object that no touch has met, given its shape, times the probability of
             all touches so far, ``(R, X, Y)``.
         worlds: assignments, the likeliest first.
@@ -267,6 +272,7 @@ class TrayBelief:
     noise: TouchNoise = field(default_factory=TouchNoise)
     most_worlds: int = 6
     separate: bool = True
+    unlisted: float = 0.0
     intensity: Floats32 = field(default=None, repr=False)  # type: ignore[arg-type]
     worlds: tuple[World, ...] = (World(()),)
     pressed: tuple[tuple[int, int], ...] = ()
@@ -325,10 +331,12 @@ class TrayBelief:
         intensity = self.intensity.copy()
         intensity.ravel()[where] = before * lower[inside]
         own = scores = None
+        of_any = 0.0
         if touch.embedding is not None:
             scores = contacts.embeddings @ np.asarray(touch.embedding, contacts.embeddings.dtype)
             weights = before * hit[inside]
-            level = _log_mean(noise.scale * scores[inside], weights)
+            level = _log_mean(noise.scale * scores[inside], weights) if touch.level is None else touch.level
+            of_any = float(weights.sum()) / len(self.table.labels)
             scores = noise.robust(scores - level / noise.scale)  # 0: as good as just any object here
             density = np.exp(-0.5 * ((float(touch.height) - mean) / deviation) ** 2) / deviation
             own = np.log(hit * (density * ((1.0 - _ODD) / math.sqrt(2.0 * math.pi)) + _ODD / _TALL))
@@ -343,7 +351,9 @@ class TrayBelief:
                 row = contacts.row[kept]
                 base = np.log(self.intensity[row, x[kept], y[kept]]).astype(float) + own[kept]
                 parts = row, x[kept], y[kept], base, scores[kept].astype(float)
-                fresh = Found(self.num_touches, 1, *parts, noise, len(self.table.labels), self.table.shape_of[row])
+                unlisted = math.log(max(of_any, 1e-300)) - math.log(_TALL)
+                shape = self.table.shape_of[row]
+                fresh = Found(self.num_touches, 1, *parts, noise, len(self.table.labels), shape, unlisted)
                 fresh = self._pushed(fresh)
         cache: dict[tuple[int, bool], Found | None] = {}
         worlds: list[World] = []
@@ -391,6 +401,7 @@ class TrayBelief:
             elif is_met and len(hits) and felt.log_own is not None and felt.scores is not None:
                 number = number[hits]
                 parts = {name: getattr(one, name)[hits] for name in ("row", "x", "y", "shape")}
+                parts |= {"log_unlisted": one.log_unlisted + math.log(_MEETS / _TALL)}
                 parts |= {"base": one.base[hits] + felt.log_own[number], "sums": one.sums[hits] + felt.scores[number]}
                 found = self._pushed(replace(one, **parts, touches=one.touches + 1).pruned())
         cache[key] = found
@@ -439,6 +450,9 @@ class TrayBelief:
             if num_shapes > 1:
                 rest = np.delete(np.vstack([evidence, masses]), target, axis=1)
                 of_others = logsumexp(rest, axis=1) - np.log(others)
+            if self.unlisted:
+                strange = [one.log_unlisted for one in world.found] + [of_others[-1]]
+                of_others = np.logaddexp(of_others + np.log1p(-self.unlisted), strange + np.log(self.unlisted))
             share, absent = np.log(self.present / number), np.log1p(-self.present)
             unfound = left * of_others[-1] if left else 0.0
             logs = np.append(evidence[:, target] + share, [-np.inf, absent + unfound + of_others[:-1].sum()])

@@ -130,7 +130,8 @@ class PlaceOutcomes:
 
     def log_probs(self, row: Any, i: Any, j: Any) -> Floats:
         """Log p(reference | hypothesis) of hypotheses with offsets, ``(..., M)``."""
-        scores = self.scale * (self.table.embeddings[row, i, j] @ self.references.T)
+        contacts = self.table.contacts
+        scores = self.scale * (contacts.embeddings[np.maximum(contacts.number[row, i, j], 0)] @ self.references.T)
         scores = scores - self._level
         scores -= scores.max(axis=-1, keepdims=True)
         return np.asarray(scores - np.log(np.exp(scores).sum(axis=-1, keepdims=True)))
@@ -143,13 +144,12 @@ class PlaceOutcomes:
 @lru_cache(maxsize=16)
 def _levels(outcomes: PlaceOutcomes) -> Floats:
     """Log mean ratio of each reference over all contacts, ``(M,)``."""
-    table = outcomes.table
-    weights = (table.hit * table.prior[:, None, None]).ravel()
-    some = np.flatnonzero(weights > 0.0)[:: max(1, int((weights > 0.0).sum()) // 4000)]
-    flat = table.embeddings.reshape(len(weights), -1)[some]
-    scores = outcomes.scale * (flat @ outcomes.references.T)
+    contacts = outcomes.table.contacts
+    some = slice(None, None, max(1, len(contacts.row) // 4000))
+    weights = (contacts.hit * outcomes.table.prior[contacts.row])[some]
+    scores = outcomes.scale * (contacts.embeddings[some] @ outcomes.references.T)
     highest = scores.max(axis=0)
-    return np.asarray(np.log(weights[some] @ np.exp(scores - highest) / weights[some].sum()) + highest)
+    return np.asarray(np.log(weights @ np.exp(scores - highest) / weights.sum()) + highest)
 
 
 @dataclass(frozen=True, eq=False)

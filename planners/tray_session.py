@@ -15,7 +15,8 @@ from belief.tray import PlaceTouch, TrayBelief
 from belief.validation import are_finite
 from planners.tray import ConfirmAt, Press, Standing, TrayDecider, TrayDecision, TrayRules, standing_of, stop
 
-Embed = Callable[[NDArray[np.uint8]], NDArray[np.floating]]
+Reads = Callable[[NDArray[np.uint8]], tuple[NDArray[np.floating], float | None]]
+"""Reads an image: its embedding, and its level, see :class:`belief.tray.PlaceTouch`."""
 _PARKED = (0.0, 0.0)
 """Where the pad is at first [m]."""
 
@@ -85,7 +86,7 @@ class TraySession:
         decider: chooses where to press.
         rules: when to stop, and what travel costs.
         seed: of the decider.
-        embed: reads an image; needed by :meth:`tell` with ``image=``.
+        read: reads an image; needed by :meth:`tell` with ``image=``.
 
     Attributes:
         belief: after all touches.
@@ -99,9 +100,9 @@ class TraySession:
         decider: TrayDecider,
         rules: TrayRules,
         seed: int | tuple[int, ...] = 0,
-        embed: Embed | None = None,
+        read: Reads | None = None,
     ) -> None:
-        self.belief, self.decider, self.rules, self.embed = belief, decider, rules, embed
+        self.belief, self.decider, self.rules, self.read = belief, decider, rules, read
         self.steps: list[TrayStep] = []
         self.standing: Standing = standing_of(belief)
         self._rng = np.random.default_rng(seed)
@@ -160,14 +161,14 @@ class TraySession:
             raise InvalidArgument(f"the place must be in the tray of {size[0]} x {size[1]} m, got {(x, y)}")
         if missed != (image is None) or missed != (height is None):
             raise InvalidArgument("say missed=True, or what was met: an image and the height of the contact")
-        embedding = None
+        embedding = level = None
         if image is not None and height is not None:
             if not (are_finite(height) and height > 0.0):
                 raise InvalidArgument(f"the height of a contact is above the floor [m], got {height}")
-            if self.embed is None:
+            if self.read is None:
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
-            embedding = self.embed(image)
-        after = self.belief.update(PlaceTouch(self.belief.cell_at(x, y), height or 0.0, embedding))
+            embedding, level = self.read(image)
+        after = self.belief.update(PlaceTouch(self.belief.cell_at(x, y), height or 0.0, embedding, level))
         self._before.append((self.belief, self._rng.bit_generator.state))  # type: ignore[arg-type]
         self.belief, self._asked = after, None
         self.standing = standing_of(after)

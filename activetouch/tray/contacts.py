@@ -45,9 +45,12 @@ def place_table(reader: ContactHypotheses, scene: Scene) -> PlaceTable:
     reach = max(part.shape[1] for part in parts) // 2
     margins = [reach - part.shape[1] // 2 for part in parts]
     every = np.concatenate(
-        [np.pad(part, [(0, 0), (more, more), (more, more), (0, 0)]) for part, more in zip(parts, margins, strict=True)]
+        [
+            np.pad(part[..., :NUM_CHANNELS], [(0, 0), (more, more), (more, more), (0, 0)]).astype(np.float32)
+            for part, more in zip(parts, margins, strict=True)
+        ]
     )
-    hit, height, spread, *others = np.moveaxis(every[..., :NUM_CHANNELS], 3, 0)
+    hit, height, spread, *others = np.ascontiguousarray(np.moveaxis(every, 3, 0))
     share, along, across, inside = (part[:, reach, reach].astype(float) for part in others)
     return PlaceTable(
         labels=scene.shape_labels,
@@ -58,7 +61,7 @@ def place_table(reader: ContactHypotheses, scene: Scene) -> PlaceTable:
         hit=hit,
         height=height,
         spread=spread,
-        embeddings=every[..., NUM_CHANNELS:],
+        embeddings=np.concatenate([part[part[..., 0] > 0.0][:, NUM_CHANNELS:] for part in parts], dtype=np.float32),
         pitch=pitch_in_pixels(reader) * _pixel(reader),
     )
 
@@ -76,7 +79,7 @@ def _of_shape(reader: ContactHypotheses, scene: Scene, solid: Shape) -> Floats32
         "tray": [PITCH, WIDTH, NUM_TURNS, 3],
         "body": described(solid),
     }
-    return cached_array(key, lambda: _made(reader, code, solid, rests(solid)).astype(np.float16)).astype(np.float32)
+    return cached_array(key, lambda: _made(reader, code, solid, rests(solid)).astype(np.float16))
 
 
 def _made(reader: ContactHypotheses, code: Floats32, solid: Shape, resting: Rests) -> Floats32:

@@ -15,12 +15,14 @@ from activetouch.errors import WrongScene
 from activetouch.named_scenes import SCENES
 from activetouch.perception.cached_arrays import announced, cached_array
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
+from activetouch.perception.contacts.random_views import log_normalisers, random_views
 from activetouch.perception.imaging import Floats32, sensor_state
 from activetouch.perception.reader import TactileReader
 from activetouch.pressing.contact import Quasistatic
 from activetouch.scene import Scene
 from activetouch.scene_description import described
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.solids.solid import Shape
 from activetouch.tray.contacts import place_table
 from activetouch.tray.world import Tray, TrayWorld
 from belief.errors import UnknownName
@@ -57,6 +59,7 @@ class TraySensor:
         tray: where the objects lie.
         rules: of searches.
         noise: of touches.
+        strangers: shapes that objects of a simulated tray have with the probability ``tray.unlisted``.
 
     >>> from activetouch import SHAPES
     >>> sensor = TraySensor.shipped("coarse", shapes={name: SHAPES[name] for name in ("sphere", "cube", "cylinder")},
@@ -70,6 +73,7 @@ class TraySensor:
     tray: Tray = field(default_factory=Tray)
     rules: TrayRules = field(default_factory=TrayRules)
     noise: TouchNoise = field(default_factory=TouchNoise)
+    strangers: tuple[Shape, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.reader.hypotheses, ContactHypotheses):
@@ -82,6 +86,7 @@ class TraySensor:
         shapes: Mapping[str, Any] | Sequence[Path | str] | Path | None = None,
         tray: Tray | None = None,
         rules: TrayRules | None = None,
+        strangers: Any = (),
     ) -> TraySensor:
         """The pad of a named scene with its reader of any object.
 
@@ -91,6 +96,7 @@ class TraySensor:
                 twelve of the scene ``many``.
             tray: the tray.
             rules: of searches.
+            strangers: other shapes, for simulated trays; as ``shapes``.
 
         Raises:
             UnknownName: there is no such sensor with a reader of any object.
@@ -99,7 +105,7 @@ class TraySensor:
         if not path.exists():
             known = [folder.name for folder in sorted(MODELS.iterdir()) if (folder / ANY_OBJECT_FILE).exists()]
             raise UnknownName("sensor with a reader of any object", name, known)
-        return cls.of(TactileReader.load(path), SCENES[name].scene, shapes, tray, rules)
+        return cls.of(TactileReader.load(path), SCENES[name].scene, shapes, tray, rules, strangers)
 
     @classmethod
     def of(
@@ -109,16 +115,15 @@ class TraySensor:
         shapes: Mapping[str, Any] | Sequence[Path | str] | Path | None = None,
         tray: Tray | None = None,
         rules: TrayRules | None = None,
+        strangers: Any = (),
     ) -> TraySensor:
         """A reader of any object with the pad of a scene; see :meth:`shipped`."""
-        if shapes is None:
-            shapes = SCENES["many"].scene.shapes
-        else:
-            from activetouch.mesh_source import read_objects
+        from activetouch.mesh_source import read_objects
 
-            shapes = read_objects(shapes)
+        shapes = SCENES["many"].scene.shapes if shapes is None else read_objects(shapes)
+        others = tuple(read_objects(strangers).values()) if strangers else ()
         scene = replace(scene, shapes=shapes, press_model=Quasistatic())
-        return cls(scene, reader.bound_to(scene), tray or Tray(), rules or TrayRules())
+        return cls(scene, reader.bound_to(scene), tray or Tray(), rules or TrayRules(), strangers=others)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
@@ -156,16 +161,27 @@ class TraySensor:
                     break
         return self.reader.run(np.stack(images))[0]
 
-    def embed(self, image: NDArray[np.uint8]) -> Floats32:
-        """The embedding of one image, ``(D,)``."""
-        return np.asarray(self.reader.run(np.asarray(image)[None])[0][0])
+    def read(self, image: NDArray[np.uint8]) -> tuple[Floats32, float | None]:
+        """The embedding of one image ``(D,)``, and its level, where objects of none of the shapes are weighed."""
+        embedding = self.reader.run(np.asarray(image)[None])[0][0]
+        if not self.tray.unlisted:
+            return embedding, None
+        return embedding, float(log_normalisers(self._bodies, embedding[None], self.noise.scale)[0])
+
+    @cached_property
+    def _bodies(self) -> Floats32:
+        """Embeddings of random bodies, which stand for just some body."""
+        hypotheses = self.reader.hypotheses
+        assert isinstance(hypotheses, ContactHypotheses), "asked in __post_init__"
+        return random_views(hypotheses, hypotheses.imaging.code(sensor_state(hypotheses.imaging, self.scene)))[0]
 
     def belief(self, target: Name) -> TrayBelief:
         """The belief before the first touch."""
         index = index_of("target", self.shape_labels, target)
         tray = self.tray
         noise = replace(self.noise, push=tray.push)
-        return TrayBelief(self.table, tray.size, index, tray.num_objects, tray.present, noise)
+        start = TrayBelief(self.table, tray.size, index, tray.num_objects, tray.present, noise)
+        return replace(start, unlisted=tray.unlisted)
 
     def decider(self, decider: str | TrayDecider = "information_per_cost") -> TrayDecider:
         """One of :data:`DECIDERS` by name, or a decider of one's own.
@@ -179,11 +195,17 @@ class TraySensor:
             raise UnknownName("decider of a tray", decider, list(DECIDERS))
         return DECIDERS[decider](self.rules, self.outcomes)
 
+    def world(self, target: Name, seed: int | Sequence[int] = 0) -> TrayWorld:
+        """The tray of the search with this target and seed, as it is before the first touch."""
+        index = index_of("target", self.shape_labels, target)
+        rng = np.random.default_rng([*checked_key(seed), index])
+        return TrayWorld.drawn(self.scene, self.tray, index, rng, self.strangers)
+
     def session(
         self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | tuple[int, ...] = 0
     ) -> TraySession:
         """A search in a tray whose presses somebody else makes, such as a robot."""
-        return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self.embed)
+        return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self.read)
 
     def search(
         self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
@@ -194,9 +216,8 @@ class TraySensor:
         """
         key = checked_key(seed)
         index = index_of("target", self.shape_labels, target)
-        world = TrayWorld.drawn(self.scene, self.tray, index, np.random.default_rng([*key, index]))
-        labels = self.shape_labels
-        lay = tuple((labels[one.shape], float(one.place[0]), float(one.place[1])) for one in world.objects)
+        world = self.world(index, key)
+        lay = tuple((world.labels[one.shape], float(one.place[0]), float(one.place[1])) for one in world.objects)
         session = self.session(index, decider, (*key, index, 1))
         decision = search_tray(session, Keyed(world, (*key, index, 2)), np.random.default_rng(0))
         answer, place, stated = ended(decision)
@@ -206,7 +227,7 @@ class TraySensor:
             nearest = min(world.objects, key=lambda one: float(np.hypot(*(one.place[:2] - place))))
             success = nearest.shape == index
         return TrayEpisode(
-            labels[index], key, tuple(session.steps), answer, place, stated, is_there, success, lay
+            self.shape_labels[index], key, tuple(session.steps), answer, place, stated, is_there, success, lay
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
@@ -31,6 +32,7 @@ class Tray(Checked):
         present: probability that one of them has the target's shape.
         gap: smallest distance of two objects, and of an object from the walls [m].
         height_noise: standard deviation of the measured height of a contact [m].
+        unlisted: probability of each object but the target that it has none of the shapes.
         push: largest distance along x and y by which a touch moves the object that it meets [m], at most 5 mm.
         sizes: smallest and largest factor of an object's size.
     """
@@ -40,6 +42,7 @@ class Tray(Checked):
     present: Probability = 0.8
     gap: NotNegative = 0.004
     height_noise: NotNegative = 0.0003
+    unlisted: Probability = 0.0
     push: Annotated[float, Within(0.0, 0.005)] = 0.0
     sizes: tuple[Positive, Positive] = (0.97, 1.03)
 
@@ -71,16 +74,27 @@ class TrayWorld:
     Attributes:
         scene: shapes, pad, forces, renderer and faults.
         tray: where they lie.
-        objects: as they lie now.
+        objects: as they lie now; the index of a stranger's shape is K and more.
+        strangers: shapes that are not of the scene.
     """
 
     scene: Scene
     tray: Tray
     objects: list[Lying] = field(default_factory=list)
+    strangers: tuple[Shape, ...] = ()
 
     @classmethod
-    def drawn(cls, scene: Scene, tray: Tray, target: int, rng: np.random.Generator) -> TrayWorld:
+    def drawn(
+        cls, scene: Scene, tray: Tray, target: int, rng: np.random.Generator, strangers: Sequence[Shape] = ()
+    ) -> TrayWorld:
         """A tray with random objects: the target is there with the tray's probability, the others differ.
+
+        Args:
+            scene: with the shapes.
+            tray: how many there are, and how they lie.
+            target: index of the shape sought.
+            rng: generator of shapes and places.
+            strangers: other shapes, which objects have with the probability ``tray.unlisted``.
 
         Raises:
             InvalidArgument: there are fewer shapes than objects, or the objects do not fit in the tray.
@@ -89,8 +103,24 @@ class TrayWorld:
         is_there = rng.uniform() < tray.present
         if len(others) < tray.num_objects - is_there:
             raise InvalidArgument(f"{tray.num_objects} objects of different shapes need more than {len(others)} others")
-        shapes = rng.permutation(others)[: tray.num_objects - is_there].tolist() + [target] * is_there
-        return cls(scene, tray, _arranged(scene, tray, shapes, rng))
+        shapes = rng.permutation(others)[: tray.num_objects - is_there].tolist()
+        if strangers and tray.unlisted:
+            numbers = len(scene.shapes) + rng.permutation(max(len(strangers), len(shapes))) % len(strangers)
+            is_strange = rng.uniform(size=len(shapes)) < tray.unlisted
+            shapes = np.where(is_strange, numbers[: len(shapes)], shapes).tolist()
+        world = cls(scene, tray, strangers=tuple(strangers))
+        world.objects = _arranged(world.solids, tray, shapes + [target] * is_there, rng)
+        return world
+
+    @property
+    def solids(self) -> tuple[Shape, ...]:
+        """The shapes of the scene, then strangers."""
+        return (*self.scene.solids.values(), *self.strangers)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of :attr:`solids`."""
+        return (*self.scene.shape_labels, *(f"stranger {number + 1}" for number in range(len(self.strangers))))
 
     def press(self, x: float, y: float, rng: np.random.Generator) -> Poke:
         """Come down on a place of the tray until the pad carries the force or meets the floor."""
@@ -113,7 +143,7 @@ class TrayWorld:
 
     def _seen(self, one: Lying, x: float, y: float) -> Floats | None:
         """Heights of an object above the floor over the taxels of a pad at a place; None out of reach."""
-        pad, solid = self.scene.pad, list(self.scene.solids.values())[one.shape]
+        pad, solid = self.scene.pad, self.solids[one.shape]
         along, across = one.place[0] - x, one.place[1] - y
         if max(abs(along), abs(across)) > solid.bounding_radius * one.scale + pad.half_width:
             return None
@@ -122,9 +152,8 @@ class TrayWorld:
         return heights(solid.surface, turns, np.array([[across, along]]), pixel, pad.num_taxels)[0] + one.place[2]
 
 
-def _arranged(scene: Scene, tray: Tray, shapes: list[int], rng: np.random.Generator) -> list[Lying]:
+def _arranged(solids: Sequence[Shape], tray: Tray, shapes: list[int], rng: np.random.Generator) -> list[Lying]:
     """Objects of these shapes at random, without overlap."""
-    solids = list(scene.solids.values())
     angles = np.arange(_OUTLINE) * 2.0 * np.pi / _OUTLINE
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     found: list[Lying] = []
@@ -142,7 +171,7 @@ def _arranged(scene: Scene, tray: Tray, shapes: list[int], rng: np.random.Genera
             lows = np.array([margin[1] for margin in margins]) + tray.gap
             highs = np.array(tray.size) - [margin[0] for margin in margins] - tray.gap
             if (lows > highs).any():
-                raise InvalidArgument(f"{scene.shape_labels[shape]!r} does not fit in a tray of {tray.size} m")
+                raise InvalidArgument(f"{solid!r:.80} does not fit in a tray of {tray.size} m")
             place = rng.uniform(lows, highs)
             if all(
                 _apart(place, support, one.place[:2], other, directions) >= tray.gap

@@ -138,6 +138,7 @@ def drawer(
     shapes: Shapes = None,
     targets: Sequence[str] = (),
     num_searches: int = 100,
+    strangers: Shapes = (),
     tray: Tray | None = None,
     rules: TrayRules | None = None,
     seed: int = 0,
@@ -153,6 +154,7 @@ def drawer(
             the scene ``many`` by default.
         targets: shapes that are sought in turn; all by default.
         num_searches: number of searches of each decider.
+        strangers: shapes of objects that are none of these, with the probability ``tray.unlisted``; as ``shapes``.
         tray: the tray; six objects on 400 x 300 mm by default.
         rules: when to stop, and what travel costs.
         seed: of objects and touches.
@@ -164,7 +166,7 @@ def drawer(
         InvalidArgument: there are fewer shapes than objects.
     """
     require_count("num_searches", num_searches)
-    searches = Searches(sensor, shapes, tray or Tray(), rules or TrayRules(), seed)
+    searches = Searches(sensor, shapes, strangers, tray or Tray(), rules or TrayRules(), seed)
     made = searches.made()
     for decider in deciders:
         made.decider(decider)  # which also prepares what all searches share
@@ -220,6 +222,10 @@ class Drawer:
     """Probability that the target is in the tray."""
     size: tuple[float, float] = (400.0, 300.0)
     """Length and width of the tray [mm]."""
+    strangers: Path | None = None
+    """Folder of mesh files of other objects, which lie among these."""
+    unlisted: float | None = None
+    """Probability that an object is none of the shapes; 0.3 with --strangers, 0 without."""
     push: float = 0.0
     """Largest distance along the tray's edges by which a touch moves an object [mm]."""
     travel: float = 20.0
@@ -241,11 +247,13 @@ class Drawer:
             num_objects=self.objects,
             present=self.present,
             push=self.push / 1000.0,
+            unlisted=(0.0 if self.strangers is None else 0.3) if self.unlisted is None else self.unlisted,
         )
         found = drawer(
             self.deciders,
             sensor=self.sensor,
             shapes=self.folder,
+            strangers=self.strangers or (),
             targets=self.target,
             num_searches=self.searches,
             tray=tray,

@@ -41,9 +41,7 @@ def _words(episode: TrayEpisode) -> str:
 
 def world_of(searches: Searches, episode: TrayEpisode) -> TrayWorld:
     """The tray of a search, as it was at the start."""
-    sensor = searches.made()
-    index = sensor.shape_labels.index(episode.target)
-    return TrayWorld.drawn(sensor.scene, sensor.tray, index, np.random.default_rng([*episode.seed, index]))
+    return searches.made().world(episode.target, episode.seed)
 
 
 def target_map(belief: TrayBelief) -> Any:
@@ -70,8 +68,8 @@ def believed(searches: Searches, episode: TrayEpisode, number: int) -> TrayBelie
     keyed = Keyed(world, (*episode.seed, index, 2))
     for step in episode.steps[:number]:
         met = keyed.press(*step.place, np.random.default_rng(0))
-        embedding = None if met.image is None else sensor.embed(met.image)
-        belief = belief.update(PlaceTouch(belief.cell_at(*step.place), met.height, embedding))
+        read = (None, None) if met.image is None else sensor.read(met.image)
+        belief = belief.update(PlaceTouch(belief.cell_at(*step.place), met.height, *read))
     return belief
 
 
@@ -93,12 +91,12 @@ def _draw(searches: Searches, decider: str, episode: TrayEpisode, axes: Axes) ->
     )
     for one in world.objects:
         outline = 1000.0 * outline_of(world, one)
-        is_target = sensor.shape_labels[one.shape] == episode.target
+        is_target = world.labels[one.shape] == episode.target
         axes.fill(
             *outline.T, facecolor="none", edgecolor=PALETTE[1 if is_target else 2], linewidth=2.0 if is_target else 1.0
         )
         axes.annotate(
-            sensor.shape_labels[one.shape].replace("_", " "),
+            world.labels[one.shape].replace("_", " ")[:18],
             (1000.0 * one.place[0], 1000.0 * one.place[1]),
             ha="center",
             va="center",
@@ -125,6 +123,6 @@ def outline_of(world: TrayWorld, one: Lying) -> Any:
     """The outline of an object from above, ``(n, 2)`` [m]: the corners of its hull, in order."""
     import scipy  # whose parts load at first use
 
-    solid = list(world.scene.solids.values())[one.shape]
+    solid = world.solids[one.shape]
     points = (one.scale * one.rotation[:2] @ solid.surface.vertices).T + one.place[:2]
     return points[scipy.spatial.ConvexHull(points).vertices]

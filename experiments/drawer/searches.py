@@ -27,6 +27,7 @@ class Searches:
     Attributes:
         sensor: scene whose pad comes down on the tray, with its reader of any object.
         shapes: folder of meshes, or mesh files; None for the twelve shapes of ``many``.
+        strangers: the same of objects of none of these shapes.
         tray: and what lies in it.
         rules: when to stop, and what travel costs.
         seed: of all searches.
@@ -34,6 +35,7 @@ class Searches:
 
     sensor: str = "gel"
     shapes: Any = None
+    strangers: Any = ()
     tray: Tray = field(default_factory=Tray)
     rules: TrayRules = field(default_factory=TrayRules)
     seed: int = 0
@@ -45,12 +47,17 @@ class Searches:
     @property
     def key(self) -> str:
         """What a file of episodes says of it."""
-        shapes = self.shapes
-        if isinstance(shapes, Mapping):
-            shapes = {label: str(solid) for label, solid in shapes.items()}
-        listed = [str(one) for one in shapes] if isinstance(shapes, list | tuple) else shapes
-        given = asdict(replace(self, shapes=listed if isinstance(listed, dict | list | None) else str(listed)))
+        given = asdict(replace(self, shapes=_listed(self.shapes), strangers=_listed(self.strangers)))
         return json.dumps(given, sort_keys=True)
+
+
+def _listed(shapes: Any) -> Any:
+    """Shapes as a file of episodes names them."""
+    if isinstance(shapes, Mapping):
+        return {label: str(solid) for label, solid in shapes.items()}
+    if isinstance(shapes, list | tuple):
+        return [str(one) for one in shapes]
+    return None if shapes is None else str(shapes)
 
 
 class _Same(tuple[Searches]):
@@ -66,7 +73,7 @@ class _Same(tuple[Searches]):
 @lru_cache(maxsize=2)
 def _made(key: str, holder: _Same) -> TraySensor:
     searches = holder[0]
-    return TraySensor.shipped(searches.sensor, searches.shapes, searches.tray, searches.rules)
+    return TraySensor.shipped(searches.sensor, searches.shapes, searches.tray, searches.rules, searches.strangers)
 
 
 def write_searches(path: Path, searches: Searches, kept: Mapping[Key, TrayEpisode]) -> None:

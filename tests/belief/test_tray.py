@@ -29,7 +29,7 @@ def table(seed: int = 0, num_shapes: int = 3, embeddings: int = 2) -> PlaceTable
         hit=hit,
         height=rng.uniform(0.01, 0.03, hit.shape),
         spread=np.full(hit.shape, 0.001),
-        embeddings=rng.normal(size=(*hit.shape, embeddings)),
+        embeddings=rng.normal(size=(int((hit > 0.0).sum()), embeddings)),
         pitch=0.01,
     )
 
@@ -64,7 +64,7 @@ def brute_force(before: TrayBelief, touches: list[PlaceTouch]) -> np.ndarray:
             lower[k, n] = tray_module._STRAY + (1.0 - tray_module._STRAY) * (1.0 - hit * (1.0 - below))
             if touch.embedding is not None:
                 density = np.exp(-0.5 * ((touch.height - mean) / deviation) ** 2) / (deviation * np.sqrt(2.0 * np.pi))
-                levels[n] = noise.scale * float(given.embeddings[row, i, j] @ touch.embedding)
+                levels[n] = noise.scale * float(given.embeddings[given.contacts.number[row, i, j]] @ touch.embedding)
                 met[n] = surviving[n] * hit
                 own[k, n] = hit * ((1 - tray_module._ODD) * density + tray_module._ODD / tray_module._TALL)
         if touch.embedding is not None:
