@@ -34,7 +34,7 @@ _OF_COMMANDS = {
     "calibration_report": "calibration.calibration_report",
     "certify": "search.certify",
     "compare": "search.comparison",
-    "drawer": "drawer.drawer",
+    "drawer": "search.drawer.drawer",
     "find": "meshes.find",
     "identify": "meshes.identify",
     "make_sensor": "sensor.make_sensor",

@@ -28,7 +28,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Search": {
         "compare": Command("search.compare", "Compare", "run the same searches with several deciders; report"),
         "find": Command("meshes.find", "Find", "find the object of one mesh among others; no training"),
-        "drawer": Command("drawer.drawer", "Drawer", "find an object in a tray, wherever it lies; no training"),
+        "drawer": Command("search.drawer.drawer", "Drawer", "find an object in a tray, wherever it lies; no training"),
         "identify": Command("meshes.identify", "Identify", "name objects, given a folder of meshes; no training"),
         "replay": Command("search.replay", "Replay", "draw one recorded search"),
         "live": Command("search.live", "Live", "run a search that a robot carries out, over lines of JSON"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
 from belief.problem import Reject, Unsure
+from belief.seeding import checked_key
 from belief.tray import PlaceTouch, TrayBelief
 from belief.validation import are_finite
 from planners.tray import ConfirmAt, Press, Standing, TrayDecider, TrayDecision, TrayRules, standing_of, stop
@@ -99,13 +100,13 @@ class TraySession:
         belief: TrayBelief,
         decider: TrayDecider,
         rules: TrayRules,
-        seed: int | tuple[int, ...] = 0,
+        seed: int | Sequence[int] = 0,
         read: Reads | None = None,
     ) -> None:
         self.belief, self.decider, self.rules, self.read = belief, decider, rules, read
         self.steps: list[TrayStep] = []
         self.standing: Standing = standing_of(belief)
-        self._rng = np.random.default_rng(seed)
+        self._rng = np.random.default_rng(checked_key(seed))
         self._asked: TrayDecision | None = None
         self._before: list[tuple[TrayBelief, dict[str, Any]]] = []
 

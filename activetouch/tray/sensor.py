@@ -202,7 +202,7 @@ class TraySensor:
         return TrayWorld.drawn(self.scene, self.tray, index, rng, self.strangers)
 
     def session(
-        self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | tuple[int, ...] = 0
+        self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
     ) -> TraySession:
         """A search in a tray whose presses somebody else makes, such as a robot."""
         return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self.read)

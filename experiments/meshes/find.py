@@ -235,6 +235,8 @@ class Find(MeshOptions):
     """Deciders, as of compare; by default information gain about the target."""
     certificate: Path | None = None
     """File from activetouch certify: its decider also plays stopping by it."""
+    drawer: bool = False
+    """The objects lie in a tray, at places that nobody knows: the searches of activetouch drawer."""
     out: Path = Path("runs/find")
     """Folder of the run and its report; finished searches are kept."""
 
@@ -262,6 +264,24 @@ class Find(MeshOptions):
     @ends_claims
     def run(self) -> None:
         """Read, make views, search, report."""
+        if self.drawer:
+            from experiments.search.drawer.drawer import Drawer  # whose modules no other search needs
+
+            own = Drawer()
+            folder = self.folder if self.scale is None else Path(f"{self.folder}@{self.scale}")
+            Drawer(
+                folder,
+                (self.target,),
+                self.sensor,
+                self.deciders or own.deciders,
+                self.searches,
+                self.objects or own.objects,
+                sure=self.threshold,
+                seed=self.seed,
+                out=self.out,
+                jobs=self.jobs,
+            ).run()
+            return
         setting = self.setting
         solids, left_out = self.read(self.target, setting.choice)
         with warnings.catch_warnings():

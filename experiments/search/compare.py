@@ -106,12 +106,38 @@ class Compare:
             _say([table for table in whole if table.rows], found.verdict())
             print(f"report: {found.save(Path('runs/results') if self.out is None else self.out)}")
             return
+        if self.setting.choice.scene == "drawer":
+            self._in_a_tray()
+            return
         if self.config is not None:
             asked, recorded = self._names(), Compare.from_config(self.config)._names()
             Trust(self.config, everything=self.trust).require(name for name in recorded if name in asked)
         comparison = self.play()
         _say([comparison], comparison.verdict(), self.setting.choice.left_out)
         print(f"report: {comparison.save(self.folder)}")  # whose figures take seconds
+
+    def _in_a_tray(self) -> None:
+        """Searches among objects in a tray, whose actions are places: those of ``activetouch drawer``."""
+        from experiments.search.drawer.drawer import Drawer  # whose modules no other scene needs
+
+        choice, usual = self.setting.choice, Compare()
+        plain = replace(self.setting, choice=replace(choice, scene="gel", meshes=(), only=False), num_objects=None)
+        if plain != usual.setting or len(choice.meshes) > 1 or self.certificate or self.full_information or self.config:
+            raise BadArgument(
+                "the scene drawer takes --meshes FOLDER, --num-objects, --deciders, --targets, --episodes, --seed, "
+                "--out, --jobs; activetouch drawer --help lists what it has of its own"
+            )
+        own = Drawer()
+        Drawer(
+            folder=choice.meshes[0] if choice.meshes else None,
+            target=self.targets,
+            deciders=own.deciders if self.deciders == usual.deciders else self.deciders,
+            searches=own.searches if self.episodes == usual.episodes else self.episodes * max(len(self.targets), 12),
+            objects=self.setting.num_objects or own.objects,
+            seed=self.seed,
+            out=self.folder,
+            jobs=self.jobs,
+        ).run()
 
     def play(self) -> Comparison:
         """Play the missing searches and return the comparison, without a report."""

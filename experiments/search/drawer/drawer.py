@@ -17,14 +17,16 @@ import numpy as np
 import tyro
 
 from activetouch.tray.world import Tray
+from belief.constraints import NotNegative, Positive, Probability, Share, Within
+from belief.files import claim_folder, ends_claims
 from belief.statistics.comparison import wilson_interval
 from belief.table import Table
 from belief.validation import require_count
-from experiments.command_line.arguments import Count, Jobs, Seed
-from experiments.drawer.page import searches_from_above
-from experiments.drawer.searches import Key, Searches, read_searches, write_searches
+from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import default_jobs, run_tasks
 from experiments.report import Report, Reported, Section
+from experiments.search.drawer.page import searches_from_above
+from experiments.search.drawer.searches import Key, Searches, read_searches, write_searches
 from planners.tray import TrayRules
 from planners.tray_session import TrayEpisode
 
@@ -218,19 +220,19 @@ class Drawer:
     """Searches of each decider."""
     objects: Count = 6
     """Objects in the tray."""
-    present: Annotated[float, tyro.conf.arg(name="present")] = 0.8
+    present: Probability = 0.8
     """Probability that the target is in the tray."""
-    size: tuple[float, float] = (400.0, 300.0)
+    size: tuple[Positive, Positive] = (400.0, 300.0)
     """Length and width of the tray [mm]."""
     strangers: Path | None = None
     """Folder of mesh files of other objects, which lie among these."""
-    unlisted: float | None = None
+    unlisted: Probability | None = None
     """Probability that an object is none of the shapes; 0.3 with --strangers, 0 without."""
-    push: float = 0.0
+    push: Annotated[float, Within(0.0, 5.0)] = 0.0
     """Largest distance along the tray's edges by which a touch moves an object [mm]."""
-    travel: float = 20.0
+    travel: NotNegative = 20.0
     """Cost of a metre of travel, in touches."""
-    sure: float = 0.95
+    sure: Share = 0.95
     """Stated probability from which the search ends."""
     seed: Seed = 0
     """Seed of objects and touches."""
@@ -239,8 +241,11 @@ class Drawer:
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
 
+    @ends_claims
     def run(self) -> None:
         """Search, print the table, write the report."""
+        check_arguments(self)
+        claim_folder(self.out)
         start = time.perf_counter()
         tray = Tray(
             size=(self.size[0] / 1000.0, self.size[1] / 1000.0),

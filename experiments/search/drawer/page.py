@@ -11,8 +11,8 @@ import numpy as np
 from activetouch.tray.sensor import Keyed
 from activetouch.tray.world import Lying, TrayWorld
 from belief.tray import PlaceTouch, TrayBelief
-from experiments.drawer.searches import Searches
 from experiments.report import INK, PALETTE, Picture
+from experiments.search.drawer.searches import Searches
 from planners.tray_session import TrayEpisode
 
 if TYPE_CHECKING:
