@@ -37,23 +37,25 @@ def batches(folder):
     return {(cell, number): b for cell in cells for held in run.batches(cell).values() for number, b in held.items()}
 
 
-def finish(folder):
+FINISH = f"""
+import sys
+from experiments.cli import main
+
+for folder in sys.argv[1:]:
+    sys.argv = ["activetouch", "compare", *{OPTIONS}, "--jobs", "1", "--out", folder]
+    main()
+"""
+
+
+def finish(*folders):
     """The same command to its end, in a process of its own, as fixtures of other tests count as other code."""
-    process = start(folder)
-    _, errors = process.communicate(timeout=300)
-    assert process.returncode == 0, errors
-    return (folder / "episodes.jsonl").read_bytes()
+    command = [sys.executable, "-c", FINISH, *map(str, folders)]
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return [(folder / "episodes.jsonl").read_bytes() for folder in folders]
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """The folder of a run that nothing happened to."""
-    folder = tmp_path_factory.mktemp("whole")
-    finish(folder)
-    return folder
-
-
-def test_a_run_that_was_killed_ends_like_one_that_was_not(whole, tmp_path):
+def test_a_run_that_was_killed_ends_like_one_that_was_not(tmp_path):
     process = start(tmp_path / "killed")
     deadline = time.monotonic() + 120
     while process.poll() is None and not batches(tmp_path / "killed") and time.monotonic() < deadline:
@@ -64,10 +66,11 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(whole, tmp_path):
     process.stderr.close()
     kept = batches(tmp_path / "killed")
     assert 1 <= len(kept) < 4
-    lines = finish(tmp_path / "killed")
+    whole = tmp_path / "whole"  # nothing happens to it
+    lines, expected = finish(tmp_path / "killed", whole)
     after = batches(tmp_path / "killed")
     assert {name: after[name] for name in kept} == kept
     assert len(after) == 4  # two batches of each decider
     assert lines.count(b"\n") == len(set(lines.splitlines())) == 2 * 30
-    assert lines == (whole / "episodes.jsonl").read_bytes()
+    assert lines == expected
     assert {key: one.lines for key, one in after.items()} == {key: one.lines for key, one in batches(whole).items()}
