@@ -198,12 +198,12 @@ def test_a_case_like_an_earlier_one_has_the_answer_that_it_has_alone(task, rule)
 
 def test_planned_stops_cost_least_and_fall_with_the_number_of_actions():
     rng = np.random.default_rng(0)
-    probs = np.stack([[[0.3, 0.7], [0.7, 0.3]]] * 12)
+    probs = np.stack([[[0.3, 0.7], [0.7, 0.3]]] * 9)
     task = ActiveClassification.from_probs(probs, depth=1)
     planned = task.planned(40.0, num_cases=300)
     assert (np.diff(planned.stop) <= 0.0).all()
     truth = rng.integers(2, size=600)
-    cases = (rng.random((600, 12)) > probs[:, :, 0].T[truth]).astype(int)
+    cases = (rng.random((600, 9)) > probs[:, :, 0].T[truth]).astype(int)
 
     def cost(other):
         answers = other.evaluate(cases, truth, rules=("adaptive",)).answers["adaptive"]
