@@ -105,7 +105,7 @@ def assert_same_episodes(env, target, bank, model, state, **settings):
 def test_the_bank_gives_the_touches_that_live_episodes_of_the_same_seeds_feel():
     touches = LiveTouches(TactileSensor.shipped("paper-independent"))
     recorder = ObjectTestEnv(touches=touches, target="cone", touch_limit=12)
-    bank = recorded(recorder, num_objects=10, num_rounds=2)
+    bank = recorded(recorder, num_objects=20, num_rounds=2)
     env = ObjectTestEnv(touches=touches, target="cone", touch_limit=9)
     assert_same_episodes(env, "cone", bank, touches.model, "paper", touch_limit=9)
 
