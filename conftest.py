@@ -1,5 +1,6 @@
 """What all tests and doctests share: one thread, no module whose packages are missing, caches in a temporary folder."""
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -12,11 +13,18 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Otherwise each of the many processes that tests start compiles all modules again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+gc.set_threshold(50_000, 20, 20)  # a search for cycles among all that tests import takes long, and finds little
 NEED = {"planners/pomdp_py_adapter.py": "pomdp_py", "belief/estimators.py": "sklearn"}
 collect_ignore = [path for path, module in NEED.items() if find_spec(module) is None]
 
 if find_spec("ap_gym") is None:
     collect_ignore.append("activetouch/envs/apgym.py")  # it has no examples, and is not imported without ap_gym
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected stays to the end: later searches for cycles leave it out."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -179,9 +179,9 @@ def _differences(made_for: Any, here: Any, path: str) -> Iterator[SceneDifferenc
         case {"entries": first}, {"entries": second} if [k for k, _ in first] == [k for k, _ in second]:
             for (label, one), (_, other) in zip(first, second, strict=True):
                 yield from _differences(one, other, f"{path}.{label}")
-        case {"class": first}, {"class": second} if first == second and made_for.keys() == here.keys():
-            for name in here:
-                yield from _differences(made_for[name], here[name], f"{path}.{name}")
+        case {"class": first}, {"class": second} if first == second:
+            for name in {**here, **made_for}:
+                yield from _differences(made_for.get(name), here.get(name), f"{path}.{name}")
         case list(), list() if len(made_for) == len(here) and any(isinstance(part, dict) for part in here):
             for number, (one, other) in enumerate(zip(made_for, here, strict=True)):
                 yield from _differences(one, other, f"{path}.{number}")

@@ -21,6 +21,7 @@ from activetouch.sensor_files import (
     ANY_OBJECT_FILE,
     INDEPENDENT_SUFFIX,
     MODELS,
+    PAD_FILE,
     POLICIES,
     READER_FILE,
     files_for,
@@ -105,7 +106,7 @@ def open_sensor(
         if not (path.is_file() or (chosen / ANY_OBJECT_FILE).is_file()):
             where = f"{chosen} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {name}; name one with --sensor"
-            raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
+            raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene, chosen)}")
     try:
         path, fitted, _ = files_for(chosen, scene, anyway, independent, bool(unknown_state) or nested is True)
         if jobs is not None and fitted is None:
@@ -121,7 +122,8 @@ def open_sensor(
             options: dict[str, Any] = {"nested": nested, "other_proportions": other_proportions}
             sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state, **options)
     except (LabelMismatch, WrongScene) as error:
-        raise type(error)(f"{error}. {_remedy(choice, name, scene)}\nTo use it nevertheless, add --anyway.") from error
+        remedy = _remedy(choice, name, scene, chosen)
+        raise type(error)(f"{error}. {remedy}\nTo use it nevertheless, add --anyway.") from error
     for sentence in shift_sentences(sensor.shift):
         print(f"warning: {sentence}", file=sys.stderr)
     return sensor
@@ -179,7 +181,11 @@ def shift_sentences(shift: tuple[str, ...]) -> list[str]:
     return [f"The sensor was made for another scene: {in_words(shift)}."] if shift else []
 
 
-def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene) -> str:
+def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene, folder: Path) -> str:
+    """What to do where the sensor of a folder does not read a scene."""
+    has_own_pad = all((folder / name).is_file() for name in (PAD_FILE, ANY_OBJECT_FILE))
+    if isinstance(choice, SceneChoice) and choice.pad is None and has_own_pad:
+        return f"It was trained for a pad of your own: add --pad {folder / PAD_FILE}."
     if isinstance(choice, SceneChoice) and choice.pad is not None:
         train = command("train", pad=choice.pad, out=f"sensors/{choice.pad.stem}")
         return f"Train one for this pad, and name it with --sensor:\n{train}"

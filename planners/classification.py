@@ -40,7 +40,7 @@ from planners.decider import Decider, Decision, InformationState, ProbeSelector
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain
 from planners.session import Session
 
-_REMEMBERED = 100_000  # decisions
+_REMEMBERED = 100_000  # decisions, and steps of cases
 _HEIGHTS, _SLOPES = np.linspace(0.2, 4.5, 44), (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # a and b of planned stops
 RULES = ("adaptive", "random", "fixed")
 """How actions are chosen: by what they tell for their cost, in random order, or in the order of their numbers."""
@@ -234,9 +234,10 @@ class ActiveClassification(FrozenArrays):
         found = {}
         for rule in rules:
             decider = self._decider(rule)
+            alike = _AlikeCases() if rule != "random" else None
             found[rule] = tuple(
-                self._played(row, int(label), decider, number)
-                for number, (row, label) in enumerate(zip(outcomes, truth, strict=True))
+                self._played(row, int(label), decider, number, alike)
+                for number, (row, label) in enumerate(zip(outcomes.tolist(), truth.tolist(), strict=True))
             )
         return Evaluation(self, found)
 
@@ -289,15 +290,24 @@ class ActiveClassification(FrozenArrays):
         last, selector = (ShapeInformationGain(table, depth=depth, costs=self.costs) for depth in (1, self.depth))
         return _Rule(self, selector, last, {})
 
-    def _played(self, row: NDArray[np.int64], truth: int, decider: Decider, number: int) -> Answer:
+    def _played(
+        self, row: Sequence[int], truth: int, decider: Decider, number: int, alike: _AlikeCases | None
+    ) -> Answer:
+        """The answer to a case; that of an earlier one if it is the same in all that is asked."""
+        if alike is not None and (found := alike.answer(row)) is not None:
+            return replace(found, truth=truth)
         case = Case(self, self._session(decider, number))
-        probs, known = [case.belief.probs], row.tolist()
+        probs, asked = [case.belief.probs], list[int]()
         while (action := case.asked) is not None:
-            case.tell_outcome(known[action])
-            if known[action] != MISSING:
+            case.tell_outcome(row[action], action)
+            asked.append(action)
+            if row[action] != MISSING:
                 probs.append(case.belief.probs)
         named, stated = int(case.belief.log_probs.argmax()), case.stated
-        return Answer(truth, named, stated, case.is_certain, case.taken, case.cost, np.array(probs))
+        answer = Answer(truth, named, stated, case.is_certain, case.taken, case.cost, np.array(probs))
+        if alike is not None:
+            alike.add(row, asked, answer)
+        return answer
 
     def _outcomes(self, cases: ArrayLike) -> NDArray[np.int64]:
         return self.model.outcomes_of(cases if self.code is None else self.code.outcomes(cases))
@@ -406,6 +416,30 @@ class Answer(FrozenArrays):
     def is_right(self) -> bool:
         """Whether the named class is the true one."""
         return self.named == self.truth
+
+
+class _AlikeCases:
+    """Answers to cases by what was asked and its outcomes, for rules that ask the same after the same outcomes."""
+
+    def __init__(self) -> None:
+        self._steps: dict[tuple[int, ...], int | Answer] = {}  # outcomes so far: the next action, or the answer
+
+    def answer(self, row: Sequence[int]) -> Answer | None:
+        """The answer to a case with these outcomes of all actions; None if none like it was added."""
+        told: tuple[int, ...] = ()
+        while isinstance(step := self._steps.get(told), int):
+            told = (*told, row[step])
+        return step
+
+    def add(self, row: Sequence[int], asked: Sequence[int], answer: Answer) -> None:
+        """Keep the answer to a case, after these actions."""
+        if len(self._steps) >= _REMEMBERED:
+            self._steps.clear()
+        told: tuple[int, ...] = ()
+        for action in asked:
+            self._steps[told] = action
+            told = (*told, row[action])
+        self._steps[told] = answer
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,18 +48,22 @@ def statements(source: str) -> list[tuple[int, int]]:
 def executed(run: Callable[[], Any]) -> dict[str, set[int]]:
     """The lines of the product that a call executes, by file."""
     lines: dict[str, set[int]] = defaultdict(set)
-    left: dict[CodeType, set[int]] = {}  # lines of each function that were not executed yet
+    left: dict[int, set[int]] = {}  # lines of each function that were not executed yet, by its id, as hashes take long
+    kept: list[CodeType] = []  # so that no other one gets its id
 
     def local(frame: FrameType, event: str, argument: Any) -> Any:
+        waiting = left[id(frame.f_code)]
         lines[frame.f_code.co_filename].add(frame.f_lineno)
-        left[frame.f_code].discard(frame.f_lineno)
-        return local if left[frame.f_code] else None
+        waiting.discard(frame.f_lineno)
+        return local if waiting else None
 
     def enter(frame: FrameType, event: str, argument: Any) -> Any:
         code = frame.f_code
-        if code not in left:
-            left[code] = {line for *_, line in code.co_lines() if line} if package_of(code) else set()
-        return local(frame, event, argument) if left[code] else None
+        if (waiting := left.get(id(code))) is None:
+            kept.append(code)
+            own = {line for *_, line in code.co_lines() if line} if package_of(code) else set()
+            waiting = left[id(code)] = own
+        return local(frame, event, argument) if waiting else None
 
     sys.settrace(enter)
     try:
@@ -71,16 +75,16 @@ def executed(run: Callable[[], Any]) -> dict[str, set[int]]:
 
 def changes_of_package(run: Callable[[], Any]) -> int:
     """How often a call, of anything, calls from one package of the product into another, whatever lies between."""
-    packages: dict[CodeType, str | None] = {}
+    packages: dict[int, tuple[CodeType, str | None]] = {}  # by id, as hashes of code take long
     stack: list[str] = []
     changes = 0
 
     def profile(frame: FrameType, event: str, argument: Any) -> None:
         nonlocal changes
         code = frame.f_code
-        if code not in packages:
-            packages[code] = package_of(code)
-        if (package := packages[code]) is None:
+        if id(code) not in packages:
+            packages[id(code)] = code, package_of(code)
+        if (package := packages[id(code)][1]) is None:
             return
         if event == "call":
             changes += bool(stack) and stack[-1] != package

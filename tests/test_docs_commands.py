@@ -193,8 +193,18 @@ OF_OTHERS = (
 )
 COLUMNS = {"success_low"}  # made of two words
 FOLDERS = ("activetouch", "belief", "planners", "experiments", "examples")
-TREES = [ast.parse(path.read_text()) for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
-CLASSES = {node.name: node for tree in TREES for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+
+@cache
+def trees():
+    """The code of all folders."""
+    return [ast.parse(path.read_text()) for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
+
+
+@cache
+def classes():
+    """The classes of all folders, by name."""
+    return {node.name: node for tree in trees() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
 
 
 def in_backticks(page):
@@ -222,12 +232,15 @@ def defined_in(tree):
             named += [getattr(target, "id", getattr(target, "attr", None)) for target in targets]
         names |= {name for name in named if isinstance(name, str)}
     for base in getattr(tree, "bases", ()):
-        if isinstance(base, ast.Name) and base.id in CLASSES:
-            names |= defined_in(CLASSES[base.id])
+        if isinstance(base, ast.Name) and base.id in classes():
+            names |= defined_in(classes()[base.id])
     return names
 
 
-NAMES = set().union(*map(defined_in, TREES)) | {*REGISTRY, *DECIDERS, *SCENES, *COLUMNS, *dir(builtins)}
+@cache
+def names():
+    """All names that are defined anywhere."""
+    return set().union(*map(defined_in, trees())) | {*REGISTRY, *DECIDERS, *SCENES, *COLUMNS, *dir(builtins)}
 
 
 def lacks_an_option(code):
@@ -242,14 +255,14 @@ def lacks_a_name(code, is_bare_too):
     if (found := re.fullmatch(r"((?:\w+\.)*)(\w+)(\(.*\))?", code)) is None:
         return False
     *above, name = (found[1] + found[2]).split(".")
-    if above and above[-1] in CLASSES:
-        return name not in defined_in(CLASSES[above[-1]])
+    if above and above[-1] in classes():
+        return name not in defined_in(classes()[above[-1]])
     if not (found[3] or is_bare_too) or any(ROOT.joinpath(*above, file).exists() for file in (name, f"{name}.py")):
         return False
     if above and above[0] in FOLDERS:
         homes = [ROOT.joinpath(*above, "__init__.py"), ROOT.joinpath(*above).with_suffix(".py")]
         return not any(re.search(rf"\b{name}\b", home.read_text()) for home in homes if home.exists())
-    return not {name, *re.findall(r"(\w+)=", found[3] or "")} <= NAMES
+    return not {name, *re.findall(r"(\w+)=", found[3] or "")} <= names()
 
 
 @pytest.mark.parametrize("page", PROMISES)

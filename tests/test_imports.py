@@ -26,6 +26,12 @@ def modules_loaded_by(statement: str) -> set[str]:
     return set(run.stdout.split())
 
 
+@cache
+def tree_of(file: Path) -> ast.Module:
+    """The code of a file."""
+    return ast.parse(file.read_text())
+
+
 @pytest.mark.parametrize("statement", ["from belief import *", "from planners import *", "import activetouch.world"])
 def test_importing_a_package_loads_nothing_heavy(statement):
     loaded = modules_loaded_by(statement)
@@ -155,7 +161,7 @@ DOORS = {"activetouch/__init__.py", "activetouch/__main__.py"}  # activetouch.co
 def test_no_package_calls_one_above_it_by_a_string(package):
     above = LAYERS[LAYERS.index(package) + 1 :]
     for file in (ROOT / package).rglob("*.py"):
-        texts = {node.value for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Constant)}
+        texts = {node.value for node in ast.walk(tree_of(file)) if isinstance(node, ast.Constant)}
         parts = [text.split(".") for text in texts if isinstance(text, str) and re.fullmatch(r"\w+(\.\w+)+", text)]
         called = [part for part in parts if part[0] in above and any(ROOT.glob("/".join(part[:2]) + "*"))]
         assert not called or file.relative_to(ROOT).as_posix() in DOORS, (file, called)
@@ -171,7 +177,7 @@ POSIX_NAMES = {
 @pytest.mark.parametrize("package", ["activetouch", "belief", "experiments", "planners"])
 def test_no_module_needs_at_its_import_what_only_posix_has(package):
     for file in (ROOT / package).rglob("*.py"):
-        waiting = list(ast.parse(file.read_text()).body)
+        waiting = list(tree_of(file).body)
         while waiting:
             node = waiting.pop()
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
@@ -192,7 +198,7 @@ def test_every_public_function_and_class_takes_a_number_as_its_seed():
     seen = set()
     for package in ("activetouch", "belief", "planners"):
         for file in (ROOT / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(file.read_text())):
+            for node in ast.walk(tree_of(file)):
                 if isinstance(node, ast.FunctionDef) and (not node.name.startswith("_") or node.name == "__init__"):
                     for argument in [*node.args.args, *node.args.kwonlyargs]:
                         if argument.arg == "seed" and node.name != "of":

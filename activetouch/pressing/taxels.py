@@ -164,12 +164,7 @@ class Taxels(FrozenArrays):
 
     def face(self, pixels: int) -> Floats:
         """How far the layer reaches along x over the pixels of the square ``(m, m)`` [m]; ``-inf`` beside the pad."""
-        owner, places = owners(self, pixels), grid_centres(pixels, pixels, 2 * self.half_width / pixels)
-        nearest = np.minimum(owner, len(self) - 1)
-        centre, normal = self.centres[nearest], self.normals[nearest]
-        slope: Floats = (normal[:, 1:] * (places[1:].T - centre[:, 1:])).sum(axis=1)
-        found: Floats = centre[:, 0] - slope / normal[:, 0]
-        return np.asarray(np.where(owner < len(self), found, -np.inf).reshape(pixels, pixels))
+        return _face(self, pixels).copy()
 
 
 def _places(mask: Any) -> NDArray[np.bool_]:
@@ -192,6 +187,17 @@ def owners(taxels: Taxels, pixels: int) -> Ints:
     found = np.where(away <= _REACH * max(taxels.pitch, np.sqrt(taxels.area)), nearest, len(taxels))
     found.flags.writeable = False
     return found
+
+
+@lru_cache(maxsize=64)
+def _face(taxels: Taxels, pixels: int) -> Floats:
+    """See :meth:`Taxels.face`."""
+    owner, places = owners(taxels, pixels), grid_centres(pixels, pixels, 2 * taxels.half_width / pixels)
+    nearest = np.minimum(owner, len(taxels) - 1)
+    centre, normal = taxels.centres[nearest], taxels.normals[nearest]
+    slope: Floats = (normal[:, 1:] * (places[1:].T - centre[:, 1:])).sum(axis=1)
+    found: Floats = centre[:, 0] - slope / normal[:, 0]
+    return np.asarray(np.where(owner < len(taxels), found, -np.inf).reshape(pixels, pixels))
 
 
 @lru_cache(maxsize=64)

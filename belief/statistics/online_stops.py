@@ -45,6 +45,7 @@ from belief.validation import Floats, require_number
 
 GRID = (0.999, 0.998, 0.995, 0.99, 0.98, 0.97, 0.95, 0.93, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5)
 """Thresholds that can be accepted."""
+_GRID = np.array(GRID)
 _ENTRIES = (GRID.index(0.99), GRID.index(0.95), GRID.index(0.9))  # where chains begin
 FALSE_ALARM = 0.05
 """Probability that a threshold that keeps its promise is ever withdrawn, at each beginning."""
@@ -101,10 +102,12 @@ class OnlineStops(FrozenArrays, Tabular):
     def threshold(self) -> float:
         """Stated probability from which an answer is given; infinite where nothing is promised yet."""
         assert self.reached is not None, "set at construction"
-        lowest = math.inf
+        lowest, reached = math.inf, self.reached.tolist()
         for entry in _ENTRIES:
-            end = entry + int(np.argmin(np.append(self.reached[entry:], False)))
-            lowest = GRID[end - 1] if end > entry else lowest
+            for threshold, is_reached in zip(GRID[entry:], reached[entry:], strict=True):
+                if not is_reached:
+                    break
+                lowest = threshold
         return lowest
 
     @cached_property
@@ -125,8 +128,8 @@ class OnlineStops(FrozenArrays, Tabular):
         assert self.alarm is not None, "set at construction"
         assert self.seen is not None, "set at construction"
         assert self.reached is not None, "set at construction"
-        wrong, passes = float(bool(is_wrong)), stated >= np.array(GRID)
-        if stated >= self.threshold:
+        wrong, passes, threshold = float(bool(is_wrong)), stated >= _GRID, self.threshold
+        if stated >= threshold:
             bets = np.append(_SHARES / self.risk, 0.0)
             held = self.alarm * (1.0 + bets * (wrong - self.risk))
             total, moving = held.sum(), 1.0 / (self.watched + _STEADY)
@@ -141,7 +144,7 @@ class OnlineStops(FrozenArrays, Tabular):
         reached = self.reached | ((np.logaddexp.reduce(wealth, axis=1) >= self._level) & (seen >= _OWN))
         counted = {"num_outcomes": self.num_outcomes + 1, "num_wrong": self.num_wrong + bool(is_wrong)}
         found = replace(self, wealth=wealth, seen=seen, reached=reached, alarm=alarm, watched=watched, **counted)
-        return found if found.threshold == self.threshold else replace(found, alarm=_BEGIN, watched=0)
+        return found if found.threshold == threshold else replace(found, alarm=_BEGIN, watched=0)
 
     def table(self) -> Table:
         """The threshold, and from how many outcomes since the last beginning."""

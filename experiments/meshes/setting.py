@@ -118,6 +118,11 @@ def reader_of(sensor: str | Path) -> Any:
             reader = TactileReader.load(folder / name)
             if isinstance(reader.hypotheses, ContactHypotheses):
                 return reader
+    if folder.suffix == ".toml" and folder.is_file():
+        raise InvalidArgument(
+            f"{folder} describes a pad, and a sensor is a folder with a reader trained for it: activetouch train --pad "
+            f"{folder} --out DIR, then --sensor DIR"
+        )
     known = ", ".join(sorted(path.parent.name for path in MODELS.glob(f"*/{ANY_OBJECT_FILE}")))
     raise InvalidArgument(
         f"the sensor {sensor} has no reader of any object; of those that ship, these have one: {known}"

@@ -62,11 +62,11 @@ NEED_A_COLUMN_FOR_EACH_CLASS = (
 @pytest.mark.parametrize(
     ("estimator", "failing"),
     [
-        (CalibratedClassifier(LogisticRegression(max_iter=1000)), ()),
+        (CalibratedClassifier(LogisticRegression(max_iter=1000), cv=2), ()),
         (CalibratedClassifier(GaussianNB(), "temperature"), ()),
-        (Observed(LogisticRegression(max_iter=1000)), ()),
+        (Observed(LogisticRegression(max_iter=1000), num_folds=2, cv=2), ()),
         (CalibratedClassifier(), NEED_A_COLUMN_FOR_EACH_CLASS),
-        (Observed(), NEED_A_COLUMN_FOR_EACH_CLASS),
+        (Observed(num_folds=2), NEED_A_COLUMN_FOR_EACH_CLASS),
     ],
 )
 @pytest.mark.filterwarnings("ignore")  # of data that are made to be odd

@@ -179,14 +179,31 @@ def test_a_certificate_keeps_its_promise_where_the_model_is_wrong():
     assert np.mean([not one.is_right for one in stopped]) < np.mean([not one.is_right for one in answers])
 
 
+@pytest.mark.parametrize("rule", ["adaptive", "fixed"])
+def test_a_case_like_an_earlier_one_has_the_answer_that_it_has_alone(task, rule):
+    cases = np.random.default_rng(0).integers(-1, 2, size=(40, 3))
+    truth = np.arange(40) % 2
+    together = task.evaluate(cases, truth, [rule]).answers[rule]
+    alone = [task.evaluate(cases[i : i + 1], truth[i : i + 1], [rule]).answers[rule][0] for i in range(40)]
+    assert len({one.actions for one in alone}) > 4
+    for one, other in zip(together, alone, strict=True):
+        assert (one.truth, one.named, one.stated, one.is_certain) == (
+            other.truth,
+            other.named,
+            other.stated,
+            other.is_certain,
+        )
+        assert (one.actions, one.cost, one.probs.tolist()) == (other.actions, other.cost, other.probs.tolist())
+
+
 def test_planned_stops_cost_least_and_fall_with_the_number_of_actions():
     rng = np.random.default_rng(0)
-    probs = np.stack([[[0.3, 0.7], [0.7, 0.3]]] * 12)
+    probs = np.stack([[[0.3, 0.7], [0.7, 0.3]]] * 9)
     task = ActiveClassification.from_probs(probs, depth=1)
     planned = task.planned(40.0, num_cases=300)
     assert (np.diff(planned.stop) <= 0.0).all()
     truth = rng.integers(2, size=600)
-    cases = (rng.random((600, 12)) > probs[:, :, 0].T[truth]).astype(int)
+    cases = (rng.random((600, 9)) > probs[:, :, 0].T[truth]).astype(int)
 
     def cost(other):
         answers = other.evaluate(cases, truth, rules=("adaptive",)).answers["adaptive"]

@@ -81,7 +81,7 @@ def play(name, table, problem, number, target=0, absent=False):
 def test_every_decision_is_legal_and_can_be_written_down(name, rng):
     table = random_table(rng)
     decider = make_decider(name, table)
-    for info in information_states(table, 12, rng):
+    for info in information_states(table, 9, rng):
         decision = decider.decide(info, rng)
         match decision.action:
             case Probe(pose):
@@ -96,8 +96,9 @@ def test_every_decision_is_legal_and_can_be_written_down(name, rng):
 @every_decider
 def test_a_decider_needs_no_joint_belief(name, rng):
     table = random_table(rng)
+    decider = make_decider(name, table)
     for info in information_states(table, 6, rng):
-        assert make_decider(name, table).decide(replace(info, scene=None), rng).action is not None
+        assert decider.decide(replace(info, scene=None), rng).action is not None
 
 
 @every_exact_believer

@@ -175,7 +175,7 @@ def test_an_untrained_network_becomes_a_reader(cache, tmp_path):
     scene = replace(SCENE, renderer=type(SCENE.renderer)(4), faults=SCENE.faults[:2])
     imaging = imaging_of(scene)
     assert imaging.pixels == 8
-    exported = export(ContactReader((2, 2, 2), (2, 2, 2), 4, 3, imaging.pixels), imaging, scene, "none")
+    exported = export(ContactReader((2,), (2,), 4, 3, imaging.pixels), imaging, scene, "none")
     exported.save(tmp_path / ANY_OBJECT_FILE)
     fields = read_tensors(tmp_path / ANY_OBJECT_FILE, READER)[1]
     assert json.loads(json.dumps(fields["imaging"])) == json.loads(json.dumps(imaging.fields()))

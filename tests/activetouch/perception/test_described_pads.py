@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from unittest.mock import Mock
 
 import numpy as np
@@ -109,8 +110,13 @@ def test_training_presses_as_the_scene_does():
 @pytest.mark.torch
 def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
     pytest.importorskip("torch")
+    from activetouch.perception import contact_training
     from experiments.sensor.train import train_any_object
 
+    recipe = contact_training.ContactRecipe  # in small: it does not count here how well the reader reads
+    small = {"groups": 2, "touches": 6, "others": 4, "widths": (8, 8), "image_widths": (8, 8)}
+    monkeypatch.setattr(recipe, "of", partial(recipe.of, **small))
+    monkeypatch.setattr(contact_training, "CHECKS", 1)
     pad = PadDescription(Taxels.grid(4, 4, 0.005))
     with monkeypatch.context() as patched:
         patched.setattr(
@@ -120,12 +126,12 @@ def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
             train_any_object(pad.scene(), tmp_path, steps=2, pad=pad)
     train_any_object(pad.scene(), tmp_path, steps=3, pad=pad)  # resumes
     scene = pad.scene(share=np.full(7, 0.2))
-    few = replace(
+    few_bodies = replace(
         scene,
         shapes={name: SHAPES[name] for name in ("sphere", "cube")},
         poses={"front": scene.rotations["front"]},
     )
-    sensor = TactileSensor.load(tmp_path, few)
+    sensor = TactileSensor.load(tmp_path, few_bodies)
     assert len(sensor.model.world_labels) == PADS
     episode = sensor.search(sensor.shape_labels[0], seed=1, num_objects=2)
     assert episode.steps

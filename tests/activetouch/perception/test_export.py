@@ -7,6 +7,8 @@ import pytest
 import torch
 
 from activetouch.distributions import Uniform, quaternions, sizes
+from activetouch.perception import classifier as backbones_of_classifiers
+from activetouch.perception.backbones import ConvNeXt
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import Hypotheses, HypothesisNetwork, TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader
@@ -14,6 +16,14 @@ from activetouch.perception.reader import HypothesisEmbedding, TactileReader
 from activetouch.poses import to_matrices
 
 pytestmark = pytest.mark.torch
+
+
+SMALL = {"small convnext": ConvNeXt((1, 1, 1, 1), (8, 8, 16, 16))}  # every operation of a large one, once
+
+
+@pytest.fixture(autouse=True)
+def small_backbone(monkeypatch):
+    monkeypatch.setattr(backbones_of_classifiers, "BACKBONES", backbones_of_classifiers.BACKBONES | SMALL)
 
 
 def classifier(backbone, input_size, channels=1, num_shapes=4):
@@ -30,7 +40,7 @@ def classifier(backbone, input_size, channels=1, num_shapes=4):
     ("backbone", "input_size", "image_shape"),
     [
         ("grid_cnn", 32, (128, 128)),
-        ("atto", 32, (64, 64, 3)),
+        ("small convnext", 32, (64, 64, 3)),
     ],
 )
 def test_a_reader_gives_what_its_network_gives(backbone, input_size, image_shape, tmp_path, rng):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from activetouch.perception.contacts.bodies import random_body
+from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.inexact import inexact
 from activetouch.perception.contacts.random_views import FIRST, log_normalisers, random_views
 from activetouch.perception.contacts.views import ViewPlan
@@ -16,7 +17,7 @@ from belief.problem import Touch
 from experiments.meshes.setting import scene_of, sensor_of
 
 FILES = {"cube": SHAPES["cube"], "bar": Box((0.008, 0.008, 0.022)), "plate": Box((0.02, 0.016, 0.005))}
-PLAN = NestedPlan(ViewPlan(24, 8), (0, 1), pressed=6)
+PLAN = NestedPlan(ViewPlan(24, 8), (0, 1), look=CloseLook(proposed=4, divided=2), pressed=6, check=4)
 
 
 @pytest.fixture(scope="module")

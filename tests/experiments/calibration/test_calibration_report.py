@@ -3,17 +3,20 @@
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
+from belief import metrics
 from belief.calibration import TemperatureScaling
 from belief.metrics import StopScore
 from belief.observation_model import RatioModel
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.touch_batch import TouchBatch
+from experiments.calibration import measurements
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
 from experiments.calibration.measurements import KINDS, Rounds, score_model
 from experiments.scene_choice import SceneChoice
@@ -126,7 +129,9 @@ def collection(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.torch
-def test_the_report_of_a_joint_sensor_has_its_model_and_stands_alone(collection, tmp_path):
+def test_the_report_of_a_joint_sensor_has_its_model_and_stands_alone(collection, tmp_path, monkeypatch):
+    monkeypatch.setattr(measurements, "_NULL_RESAMPLES", 20)
+    monkeypatch.setattr(metrics, "calibration_report", partial(metrics.calibration_report, num_resamples=20))
     CalibrationReport("coarse", collection, Path("coarse"), tmp_path, anyway=True).run()
     page, numbers = (tmp_path / "report.html").read_text(), json.loads((tmp_path / "numbers.json").read_text())
     assert "rigid body" in {model["name"] for model in numbers["models"]}

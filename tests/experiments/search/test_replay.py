@@ -65,9 +65,22 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
     assert all(frame.evidence is None for frame in shown)
 
 
+@pytest.fixture(scope="module")
+def drawn_once():
+    """The pictures of a film are drawn for its first format, and are those of the others."""
+    draw, pictures = film.Film.draw, {}
+
+    def drawn(self, moment):
+        key = (self.theme, moment.words, moment.depth, moment.states, moment.milliseconds)
+        return pictures[key] if key in pictures else pictures.setdefault(key, draw(self, moment))
+
+    return drawn
+
+
 @pytest.mark.parametrize("name", ["search.webp", "search.gif"])
-def test_a_search_is_animated_from_its_first_touch_to_its_end(run, name, tmp_path, monkeypatch):
+def test_a_search_is_animated_from_its_first_touch_to_its_end(run, drawn_once, name, tmp_path, monkeypatch):
     monkeypatch.setattr(film, "_DPI", 30)
+    monkeypatch.setattr(film.Film, "draw", drawn_once)
     folder, episodes = run
     episode = min(episodes, key=lambda one: one.num_touches)
     number = episode.seed[-1]

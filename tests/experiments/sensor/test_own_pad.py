@@ -1,15 +1,23 @@
 """Commands with a described pad: a picture of a press, and the fit of its response."""
 
+import shutil
+
 import numpy as np
 import pytest
+import trimesh
 
 from activetouch import PadDescription, Response, Taxels, read_pad
+from activetouch.errors import WrongScene
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief.errors import InvalidArgument
 from benchmarks.pad_fits import RADIUS, simulated
 from experiments.command_line.arguments import BadArgument, Trust
+from experiments.meshes.find import Find
+from experiments.meshes.identify import Identify
 from experiments.press.touch import TouchCommand
 from experiments.scene_choice import SceneChoice, choice_name
 from experiments.sensor.pad_fit import PadFitCommand
+from experiments.sensor_choice import open_sensor
 
 KNOWN = {
     "gain": 1.0,
@@ -38,6 +46,30 @@ def test_a_scene_is_touched_by_a_pad(mine):
     for other in ({"hand": "parallel"}, {"fidelity": "dynamic"}, {"renderer": "gelsight"}):
         with pytest.raises(InvalidArgument, match="--pad"):
             _ = SceneChoice("gel", pad=mine, **other).named
+
+
+def test_a_sensor_of_a_pad_and_a_scene_without_it_say_what_does_not_fit_and_what_to_do(mine, tmp_path):
+    folder = tmp_path / "sensor"
+    folder.mkdir()
+    shutil.copy(mine, folder / "pad.toml")
+    shutil.copy(MODELS / "coarse" / ANY_OBJECT_FILE, folder)  # which does not read the scene either
+    with pytest.raises(WrongScene, match=rf"for a pad of your own: add --pad {folder}/pad\.toml") as failed:
+        open_sensor(folder, SceneChoice("paper"))
+    assert "pad is Pad" not in str(failed.value)
+    with pytest.raises(WrongScene, match=r"pad\.layout is Taxels, not None") as failed:
+        open_sensor(None, SceneChoice("gel", pad=mine))
+    assert f"activetouch train --pad {mine}" in str(failed.value)
+
+
+@pytest.mark.parametrize("command", [Find, Identify])
+def test_a_description_of_a_pad_is_no_sensor_of_meshes(command, mine, tmp_path):
+    box = trimesh.creation.box([0.02, 0.02, 0.01])
+    for name in ("cube", "plate"):
+        box.export(tmp_path / f"{name}.stl")
+        box.apply_scale([1.0, 1.0, 0.5])
+    own = {"target": "cube"} if command is Find else {"lies": True}
+    with pytest.raises(InvalidArgument, match=rf"activetouch train --pad {mine} --out DIR, then --sensor DIR"):
+        command(folder=tmp_path, sensor=mine, out=tmp_path / "out", **own).run()
 
 
 @pytest.mark.mujoco

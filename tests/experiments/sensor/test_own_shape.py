@@ -28,7 +28,8 @@ def test_a_cup_from_a_file_is_learned_and_searched_for(tmp_path):
     data, trained, sensor = tmp_path / "touches", tmp_path / "trained", tmp_path / "sensor"
     Collect(choice, out=data, plan=PlanArguments(train=6, calibration=3, test=2), jobs=1).run()
     assert read_manifest(data).symmetry == Symmetry.ROTATIONS
-    Train(data=data, out=trained, input_size=32, recipe="large", change=Changes(epochs=1), jobs=1).run()
+    how = {"backbone": "cnn", "input_size": 16, "recipe": "large", "change": Changes(epochs=1)}
+    Train(data=data, out=trained, **how, jobs=1).run()
     Calibrate(reader=trained / READER_FILE, data=data, out=sensor).run()
     comparison = Compare(
         deciders=("information_gain", "random_confirm"),
