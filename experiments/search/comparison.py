@@ -26,10 +26,18 @@ from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Trust, check_arguments
 from experiments.parallel import ENGINE, default_jobs
 from experiments.scene_choice import SceneChoice
-from experiments.search.play import CompositionName, FullInformation, Searches, Setting, identity_of, prepare
+from experiments.search.play import (
+    FULL_INFORMATION,
+    CompositionName,
+    FullInformation,
+    Searches,
+    Setting,
+    identity_of,
+    prepare,
+)
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.summary import ALL, Summary
-from experiments.search.verdict import results_table, terminal_table, verdict_sentences
+from experiments.search.verdict import answer_sentences, results_table, terminal_table, verdict_sentences
 from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider
 from planners.fingerprint import files_digest
@@ -90,8 +98,12 @@ class Comparison(Summary, Tabular):
         problem = Setting.from_dict(arguments.get("setting"), Trust(Path(folder), everything=trust)).problem
         return _computed(problem, held, held.latest(problem.shape_labels), arguments.get("reference"), seed)
 
+    def answer(self) -> list[str]:
+        """Sentences: how often each decider is right, with how many touches, which is best, and why the others fail."""
+        return answer_sentences(self)
+
     def verdict(self) -> list[str]:
-        """Sentences: which decider is best, which differences are significant, and whether stated confidence holds."""
+        """The answer, then sentences on differences and their significance, and whether stated confidence holds."""
         return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
@@ -107,7 +119,7 @@ class Comparison(Summary, Tabular):
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
             written.finish(self.run.searches.identity, self.run.arguments, self.run.lines())
-        return report_of(written, self, self.run.searches, self.verdict())
+        return report_of(written, self, self.run.searches)
 
 
 def compare(
@@ -306,7 +318,7 @@ def prepared(
             world = sensor.certified_world(problem, chosen, signed.decider, made[name], known)
             made[f"certified {name}"] = signed.wrap(made[name], world)
     if full_information:
-        made["full information"] = FullInformation()
+        made[FULL_INFORMATION] = FullInformation()
     arguments = {
         "deciders": list(players),
         "reference": reference,

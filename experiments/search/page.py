@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps, rcParams
@@ -20,7 +21,13 @@ from experiments.report import Picture, Report, Section, data_uri
 from experiments.search.play import Searches, action_words, body_words, replay, shown_shapes
 from experiments.search.run import RunFolder
 from experiments.search.summary import ALL, Cell, Summary
-from experiments.search.verdict import by_return, comparison_tables
+from experiments.search.verdict import (
+    answer_sentences,
+    by_return,
+    comparison_tables,
+    detail_sentences,
+    why_failed,
+)
 from experiments.sensor_choice import shift_sentences
 from planners import Episode, Outcome
 
@@ -40,6 +47,39 @@ def pictures(comparison: Summary) -> list[Picture]:
     ]
 
 
+def _answer_picture(comparison: Summary) -> Picture:
+    """How often each decider is right, and with how many touches, the best first."""
+    size = 7.4, 0.55 + 0.32 * len(comparison.deciders)
+    return Picture("answer", _ANSWER, [partial(draw_answer, comparison)], size=size)
+
+
+def draw_answer(comparison: Summary, axes: Axes) -> None:
+    """Draw, for each decider, a bar of the searches that are right, and beside it one of the touches per search."""
+    names, ink, beside = by_return(comparison), rcParams["text.color"], 1.5  # where bars of touches begin
+    cells = [comparison.cells[name, ALL] for name in names]
+    longest = max(1.0, *(cell.touches for cell in cells))
+    for place, (name, cell) in enumerate(zip(names, cells, strict=True)):
+        colour, (low, high) = f"C{comparison.deciders.index(name)}", cell.success_interval
+        touches = 0.6 * cell.touches / longest
+        axes.barh(place, cell.success, 0.6, color=colour)
+        axes.plot([low, high], [place, place], color=ink, linewidth=1)
+        axes.text(1.04, place, f"{cell.successes} of {cell.num_episodes}", va="center")
+        axes.barh(place, touches, 0.6, left=beside, color=colour)
+        axes.text(beside + touches + 0.03, place, f"{cell.touches:.1f}", va="center")
+    axes.vlines(comparison.no_touch_baseline, -0.5, len(names) - 0.5, color=ink, linestyle=":", linewidth=1)
+    for x, title in ((0.0, "searches that are right"), (beside, "touches per search")):
+        axes.text(x, -0.6, title, va="bottom", weight="bold")
+        axes.vlines(x, -0.5, len(names) - 0.5, color=ink, linewidth=0.8)
+    axes.set(xlim=(0, beside + 0.8), ylim=(len(names) - 0.5, -1.0), xticks=[], yticks=range(len(names)))
+    axes.set_yticklabels(names)
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+
+
+_ANSWER = (
+    "Searches that are right, with 95 % Wilson intervals, and touches per search. The dotted line is the best guess "
+    "without a touch."
+)
 _SUCCESS = (
     "Fraction of failed searches by target, with 95 % Wilson intervals, on a logarithmic axis: points further left are "
     "better. An open marker at the left edge stands for no failure at all. The dotted line is the no-touch baseline."
@@ -81,7 +121,7 @@ def draw_frontier(comparison: Summary, axes: Axes) -> None:
 
 
 FIGURES: Mapping[str, Callable[[Summary, Axes], None]] = MappingProxyType(
-    {"success": draw_success, "frontier": draw_frontier}
+    {"answer": draw_answer, "success": draw_success, "frontier": draw_frontier}
 )
 """Functions that draw a figure of a comparison on an axis, by name."""
 
@@ -117,19 +157,13 @@ def _legend(axes: Axes, comparison: Summary) -> None:
 
 
 _SECTIONS = {"Success": ("results", "differences"), "Stated confidence": ("stated_confidence",), "Time": ("times",)}
-_FAILURES = {
-    Outcome.CONFIRMED: "confirmed the wrong object",
-    Outcome.EXHAUSTED: "rejected every object",
-    Outcome.TRUNCATED: "reached the touch limit",
-    Outcome.UNSURE: "answered “I do not know”",
-}
 
 
-def report_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Report:
+def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report:
     """The report of a comparison, whose searches are those of a run folder."""
     tables, stored, problem = comparison_tables(comparison), run.read_run(), comparison.problem
     shown = {table.name: table for table in tables}
-    first, *others = [*shift_sentences(searches.sensor.shift), *verdict]
+    said, details = answer_sentences(comparison), detail_sentences(comparison)
     composition = getattr(problem.composition, "value", problem.composition)
     played = (
         f"Every decider played the same live MuJoCo searches: {problem.num_objects} objects, composition "
@@ -137,20 +171,17 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: 
         "confirms an object of the target shape, or rejects all objects when the target is absent. The return is +1 "
         "for a success, −1 otherwise, minus λ for each touch."
     )
+    folded = {"Returns, differences, intervals and stated confidence": details, "What was played": [played]}
     sections = [
-        Section("", [first], folded={"Differences, bounds and stated confidence in words": others} if others else {}),
-        Section("", [played]),
+        Section("", [*said, *shift_sentences(searches.sensor.shift)], [], [_answer_picture(comparison)], folded)
     ]
     if found := shown_searches(comparison):
-        which = "The longest failure, or the longest search if none fails."
-        if len(found) > 1:
-            which = "The search in which two deciders differ most, with the same objects and equal touches."
         replayed = run.command("replay", folder=run.path, decider="NAME", target="SHAPE", number="N", out="search.png")
         words = (
-            f"{which} The images were computed again from the episode's seed. Any other search, by its number: "
+            f"{found.why} The images were computed again from the episode's seed. Any other search, by its number: "
             f"`{replayed}` Bars: the belief about the object after the step; the target is orange."
         )
-        films = [_story(searches, decider, episode) for decider, episode in found]
+        films = [_story(searches, decider, episode) for decider, episode in found.searches]
         sections.append(Section("One search, touch by touch", [words], films=films))
     for title, names in _SECTIONS.items():
         own = [shown[name] for name in names]
@@ -168,26 +199,40 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: 
     return Report(f"Searching by touch in the scene “{searches.scene_name}”", sections, ("tables", "figures"))
 
 
-def shown_searches(comparison: Summary) -> list[tuple[str, Episode]]:
-    """The same search by two deciders that touch, where they differ most: in success, else in touches.
+class Shown(NamedTuple):
+    """Searches that a report shows, by decider, and a sentence on their choice."""
 
-    The first is the reference if it touches, the other the best of the rest by return. With a single decider that
-    touches, or two that differ in no search: the longest failure, or the longest search if none fails.
+    searches: Sequence[tuple[str, Episode]]
+    why: str
+
+
+def shown_searches(comparison: Summary) -> Shown | None:
+    """The same search by the best decider that touches and by the best that differs from it in success.
+
+    Of these searches, the shortest that fails for the most frequent reason. Where no decider differs in success: the
+    search where two differ most in touches. Where only one touches, or none differs: the longest failure, or search.
     """
     names = [name for name in by_return(comparison) if any(episode.num_touches for episode in comparison.of(name))]
     if not names:
-        return []
-    first = comparison.reference if comparison.reference in names else names[0]
-    rest = [name for name in names if name != first]
-
-    def differing(two: tuple[Episode, Episode]) -> tuple[bool, int]:
-        return two[0].success != two[1].success, abs(two[0].num_touches - two[1].num_touches)
-
-    if rest:
-        one, other = max(zip(comparison.of(first), comparison.of(rest[0]), strict=True), key=differing)
-        if any(differing((one, other))):
-            return [(first, one), (rest[0], other)]
-    return [(first, max(comparison.of(first), key=lambda episode: (not episode.success, episode.num_touches)))]
+        return None
+    first, *rest = names
+    pairs = {name: list(zip(comparison.of(first), comparison.of(name), strict=True)) for name in rest}
+    for name, both in pairs.items():
+        if differing := [pair for pair in both if pair[0].success != pair[1].success]:
+            reasons = [why_failed(other if one.success else one).words for one, other in differing]
+            [(reason, _)] = Counter(reasons).most_common(1)
+            some = [pair for pair, words in zip(differing, reasons, strict=True) if words == reason]
+            one, other = min(some, key=lambda pair: pair[0].num_touches + pair[1].num_touches)
+            failing = name if one.success else first
+            why = f"A search in which {failing} fails, for its most frequent reason there: it {reason}."
+            return Shown([(first, one), (name, other)], f"{why} The objects are the same, and equal touches as well.")
+    for name, both in pairs.items():
+        one, other = max(both, key=lambda pair: abs(pair[0].num_touches - pair[1].num_touches))
+        if one.num_touches != other.num_touches:
+            why = "The search in which two deciders differ most, with the same objects and equal touches."
+            return Shown([(first, one), (name, other)], why)
+    longest = max(comparison.of(first), key=lambda episode: (not episode.success, episode.num_touches))
+    return Shown([(first, longest)], "The longest failure, or the longest search if none fails.")
 
 
 def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
@@ -196,7 +241,7 @@ def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]
     The scale is None for images in colour.
     """
     problem, labels = searches.problem, searches.problem.shape_labels
-    verdict = "success" if episode.success else _FAILURES[episode.outcome]
+    verdict = "success" if episode.success else f"fails, as it {why_failed(episode).words}"
     sought = f"{decider} searches for a {labels[episode.target]}"
     frames = replay(searches.sensor, problem, episode)
     largest = [int(frame.image.max()) for frame in frames if frame.image is not None and frame.image.ndim == 2]

@@ -44,6 +44,8 @@ from planners.search import TouchRequest
 
 CompositionName: TypeAlias = Literal["distinct", "independent", "at_most_one"]
 """Name of a :class:`belief.Composition`."""
+FULL_INFORMATION = "full information"
+"""Name of :class:`FullInformation` in reports."""
 _MOST_SHAPES = 12  # in a picture of a belief
 
 
