@@ -111,7 +111,7 @@ class Compare:
             Trust(self.config, everything=self.trust).require(name for name in recorded if name in asked)
         comparison = self.play()
         _say([comparison], comparison.answer(), self.setting.choice.left_out)
-        print(f"report, with all differences and intervals: {comparison.save(self.folder)}")  # whose figures take seconds
+        print(f"report, with all differences and intervals: {comparison.save(self.folder)}")
 
     def play(self) -> Comparison:
         """Play the missing searches and return the comparison, without a report."""

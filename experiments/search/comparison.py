@@ -79,7 +79,11 @@ class Comparison(Summary, Tabular):
         return self.table().without(["ms/touch"]).latex()
 
     def plot(self, axes: Axes, name: str = "success") -> None:
-        """Draw ``success``, by target, or ``frontier``, against touches, on an axis of matplotlib, in its style."""
+        """Draw a figure on an axis of matplotlib, in its style.
+
+        ``answer``: searches that are right and touches, by decider; ``success``: failures by target; ``frontier``:
+        failures against touches.
+        """
         from experiments.search.page import FIGURES  # loads matplotlib
 
         if name not in FIGURES:

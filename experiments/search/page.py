@@ -29,28 +29,23 @@ from experiments.search.verdict import (
     why_failed,
 )
 from experiments.sensor_choice import shift_sentences
-from planners import Episode, Outcome
+from planners import Episode
 
 _WIDTH = 5.2  # inches; narrow, so that text stays readable on a phone
 _MARKERS = "osD^vP*X"
 
 
 def pictures(comparison: Summary) -> list[Picture]:
-    """All figures of a comparison."""
+    """All figures of a comparison; the first goes with the answer."""
     num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
     return [
-        Picture(name, caption, [partial(FIGURES[name], comparison)], size=(_WIDTH, height))
-        for name, caption, height in (
-            ("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16)),
-            ("frontier", _FRONTIER, 3.4),
+        Picture(name, caption, [partial(FIGURES[name], comparison)], size=size)
+        for name, caption, size in (
+            ("answer", _ANSWER, (7.4, 0.55 + 0.32 * num_deciders)),
+            ("success", _SUCCESS, (_WIDTH, 1.0 + num_groups * (0.16 * num_deciders + 0.16))),
+            ("frontier", _FRONTIER, (_WIDTH, 3.4)),
         )
     ]
-
-
-def _answer_picture(comparison: Summary) -> Picture:
-    """How often each decider is right, and with how many touches, the best first."""
-    size = 7.4, 0.55 + 0.32 * len(comparison.deciders)
-    return Picture("answer", _ANSWER, [partial(draw_answer, comparison)], size=size)
 
 
 def draw_answer(comparison: Summary, axes: Axes) -> None:
@@ -172,9 +167,8 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report
         "for a success, −1 otherwise, minus λ for each touch."
     )
     folded = {"Returns, differences, intervals and stated confidence": details, "What was played": [played]}
-    sections = [
-        Section("", [*said, *shift_sentences(searches.sensor.shift)], [], [_answer_picture(comparison)], folded)
-    ]
+    answer, *others = pictures(comparison)
+    sections = [Section("", [*said, *shift_sentences(searches.sensor.shift)], [], [answer], folded)]
     if found := shown_searches(comparison):
         replayed = run.command("replay", folder=run.path, decider="NAME", target="SHAPE", number="N", out="search.png")
         words = (
@@ -186,7 +180,7 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report
     for title, names in _SECTIONS.items():
         own = [shown[name] for name in names]
         if any(table.rows for table in own):
-            sections.append(Section(title, (), own, pictures(comparison) if title == "Success" else []))
+            sections.append(Section(title, (), own, others if title == "Success" else []))
     if left_out := stored["arguments"].get("left_out"):
         sections.append(Section("Files that were left out", left_out))
     assert run.path is not None, "a report is of a folder"
