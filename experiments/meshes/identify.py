@@ -157,7 +157,7 @@ class Identified(MeshResult):
 
 def _lying_picture(sensor: TactileSensor, number: int, lies: Lying) -> Picture:
     """How an object is believed to lie after each touch, and the outline of the true body."""
-    from experiments.search.replay_figures import Bodies, coloured
+    from activetouch.view import Bodies, coloured
 
     bodies = Bodies.of(sensor)
     assert bodies is not None, "the belief is about one body"

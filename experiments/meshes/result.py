@@ -109,8 +109,8 @@ def _pictures(
     sensor: TactileSensor, title: str, touches: Sequence[str], evidence: Sequence[NestedEvidence]
 ) -> list[Any]:
     """The bodies that are possible after each touch, as they lie in the mean; none where no body stands out."""
+    from activetouch.view import Bodies, coloured
     from experiments.report import Picture
-    from experiments.search.replay_figures import Bodies, coloured
 
     bodies = Bodies.of(sensor)
     assert bodies is not None, "the belief is about one body"

@@ -58,12 +58,12 @@ def draw_answer(comparison: Summary, axes: Axes) -> None:
         touches = 0.6 * cell.touches / longest
         axes.barh(place, cell.success, 0.6, color=colour)
         axes.plot([low, high], [place, place], color=ink, linewidth=1)
-        axes.text(1.04, place, f"{cell.successes} of {cell.num_episodes}", va="center")
+        axes.text(1.04, place, f"{cell.successes} of {cell.num_episodes}", va="center", in_layout=False)
         axes.barh(place, touches, 0.6, left=beside, color=colour)
-        axes.text(beside + touches + 0.03, place, f"{cell.touches:.1f}", va="center")
+        axes.text(beside + touches + 0.03, place, f"{cell.touches:.1f}", va="center", in_layout=False)
     axes.vlines(comparison.no_touch_baseline, -0.5, len(names) - 0.5, color=ink, linestyle=":", linewidth=1)
     for x, title in ((0.0, "searches that are right"), (beside, "touches per search")):
-        axes.text(x, -0.6, title, va="bottom", weight="bold")
+        axes.text(x, -0.6, title, va="bottom", weight="bold", in_layout=False)
         axes.vlines(x, -0.5, len(names) - 0.5, color=ink, linewidth=0.8)
     axes.set(xlim=(0, beside + 0.8), ylim=(len(names) - 0.5, -1.0), xticks=[], yticks=range(len(names)))
     axes.set_yticklabels(names)

@@ -19,7 +19,7 @@ from experiments.search.play import FULL_INFORMATION
 from experiments.search.summary import ALL, Cell, Difference, Summary
 from planners import Episode, Outcome
 from planners.episode import judged
-from planners.one_touch import one_touch_bound
+from planners.solve import one_touch_bound
 
 LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
