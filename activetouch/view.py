@@ -39,9 +39,9 @@ _FIELD_OF_VIEW = np.deg2rad(35.0)  # vertical
 _SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; the other groups hold geoms that only collide
 _WHOLE = 1.6  # distance at which a camera sees a whole model, relative to its extent
 _MOST_FRAMES, _FRAME = 40, (320, 240)  # number and size [pixels] of the frames of an animation
-_ABOVE = multiply(turn("y", np.deg2rad(-25.0)), turn("z", np.deg2rad(35.0)))  # of a portrait, on the side of the pad
+_ABOVE = multiply(
     turn("y", np.deg2rad(-25.0)), turn("z", np.deg2rad(35.0))
-)  # on the side of the pad, and above
+)  # view of a portrait, on the side of the pad
 _LAMP = np.array([0.75, -0.35, 0.55])
 _SURFACE = np.array([(11, 29, 51), (63, 111, 159), (219, 231, 242)]) / 255  # colours of a body, from dark to light
 
@@ -143,17 +143,15 @@ def portraits(
     factors, ``(n,)`` or one number.
     """
     pixel = 2.1 * reach / pixels
-    turns = (
-        to_matrices(turned(_ABOVE, orientations)) * np.broadcast_to(sizes, len(orientations))[:, None, None]
-    )
+    factors = np.broadcast_to(sizes, len(orientations))[:, None, None]
+    turns = to_matrices(turned(_ABOVE, orientations)) * factors
     seen = heights(solid.surface, turns, np.zeros((len(turns), 2)), pixel, pixels)
     hit = np.isfinite(seen)
     filled = np.where(hit, seen, -reach)
     upwards, across = np.gradient(filled, pixel, axis=(1, 2))
     normals = np.stack([np.ones_like(filled), -across, -upwards], axis=-1)
-    light = np.clip(
-        normals @ (_LAMP / np.linalg.norm(_LAMP)) / np.linalg.norm(normals, axis=-1), 0.0, 1.0
-    )
+    lit = normals @ (_LAMP / np.linalg.norm(_LAMP))
+    light = np.clip(lit / np.linalg.norm(normals, axis=-1), 0.0, 1.0)
     return np.where(hit, 0.2 + 0.8 * light, np.nan)
 
 
