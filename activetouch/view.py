@@ -39,9 +39,7 @@ _FIELD_OF_VIEW = np.deg2rad(35.0)  # vertical
 _SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; the other groups hold geoms that only collide
 _WHOLE = 1.6  # distance at which a camera sees a whole model, relative to its extent
 _MOST_FRAMES, _FRAME = 40, (320, 240)  # number and size [pixels] of the frames of an animation
-_ABOVE = multiply(
-    turn("y", np.deg2rad(-25.0)), turn("z", np.deg2rad(35.0))
-)  # view of a portrait, on the side of the pad
+_ABOVE = multiply(turn("y", np.deg2rad(-25.0)), turn("z", np.deg2rad(35.0)))  # the view of a portrait
 _LAMP = np.array([0.75, -0.35, 0.55])
 _SURFACE = np.array([(11, 29, 51), (63, 111, 159), (219, 231, 242)]) / 255  # colours of a body, from dark to light
 

@@ -17,8 +17,12 @@ from matplotlib.axis import Axis
 from numpy.typing import NDArray
 from PIL import Image
 
+from activetouch import TactileSensor
+from activetouch.poses import Placement
+from activetouch.view import Bodies, coloured, press_picture
+from belief.naming import shape_name
 from experiments.report import Picture, Report, Section, data_uri
-from experiments.search.play import Searches, action_words, body_words, replay, shown_shapes
+from experiments.search.play import Moment, Searches, action_words, body_words, moments, shown_shapes
 from experiments.search.run import RunFolder
 from experiments.search.summary import ALL, Cell, Summary
 from experiments.search.verdict import (
@@ -173,10 +177,14 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report
         replayed = run.command("replay", folder=run.path, decider="NAME", target="SHAPE", number="N", out="search.png")
         words = (
             f"{found.why} The images were computed again from the episode's seed. Any other search, by its number: "
-            f"`{replayed}` Bars: the belief about the object after the step; the target is orange."
+            f"`{replayed}`"
+        )
+        legend = (
+            "Bars: the belief about the object after the step; the target is orange. Bodies: each averaged over the "
+            "orientations and sizes that are still possible, fainter if it is less probable; the line is the true one."
         )
         films = [_story(searches, decider, episode) for decider, episode in found.searches]
-        sections.append(Section("One search, touch by touch", [words], films=films))
+        sections.append(Section("One search, touch by touch", [words, legend], films=films))
     for title, names in _SECTIONS.items():
         own = [shown[name] for name in names]
         if any(table.rows for table in own):
@@ -229,32 +237,52 @@ def shown_searches(comparison: Summary) -> Shown | None:
     return Shown([(first, longest)], "The longest failure, or the longest search if none fails.")
 
 
-def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
-    """A search for the page: title, success, panels of decisions, and ``scale``, the value of the brightest colour.
+_MOST_DRAWN, _PORTRAITS = 40, 4  # steps with pictures of the scene and of bodies; bodies in each
+_SCENE = {"size": (300, 240), "oversampling": 1}  # of the picture of the scene
 
-    The scale is None for images in colour.
+
+def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
+    """A search for the page, in the form of ``film.html``; only the first steps of a long one have pictures of bodies.
+
+    ``scale`` is the value of the brightest colour, None for images in colour.
     """
-    problem, labels = searches.problem, searches.problem.shape_labels
+    sensor, problem, labels = searches.sensor, searches.problem, searches.problem.shape_labels
     verdict = "success" if episode.success else f"fails, as it {why_failed(episode).words}"
-    sought = f"{decider} searches for a {labels[episode.target]}"
-    frames = replay(searches.sensor, problem, episode)
-    largest = [int(frame.image.max()) for frame in frames if frame.image is not None and frame.image.ndim == 2]
+    shown = moments(sensor, problem, episode)
+    largest = [int(one.image.max()) for one in shown if one.image is not None and one.image.ndim == 2]
     scale = max(1, *largest) if largest else None
-    panels = [
-        {
-            "heading": f"object {frame.step.object_index + 1}, {body_words(labels, frame.shape)}",
-            "action": action_words(frame.step.decision.action, problem),
-            "picture": None if frame.image is None else _picture(frame.image, scale),
-            "bars": [
-                (labels[k], float(frame.posterior[k]), k == episode.target)
-                for k in shown_shapes(frame.posterior, episode.target)
-            ],
-            "scores": frame.step.decision.scores,
-        }
-        for frame in frames
-    ]
+    scenes, bodies = _Scenes(sensor), Bodies.of(sensor, pixels=72, draws=32)
+    panels = []
+    for number, one in enumerate(shown):
+        frame, is_drawn = one.frame, number < _MOST_DRAWN
+        seen = [("felt", picture_uri(one.image, scale))] if one.image is not None else []
+        if is_drawn and sensor.scene.hand is None:
+            seen.insert(0, ("object and pad", scenes.of(one)))
+        portraits = {}
+        if is_drawn and bodies is not None and one.evidence is not None:
+            true = shape_name(labels, frame.shape)
+            portraits = {
+                label: body_uri(coloured(picture, prob), bodies.outline(label, frame.body) if label == true else None)
+                for label, prob, picture in bodies.likeliest(one.evidence, one.probs, _PORTRAITS)
+            }
+        panels.append(
+            {
+                "heading": f"object {frame.step.object_index + 1}, {body_words(labels, frame.shape)}",
+                "action": action_words(frame.step.decision.action, problem),
+                "words": one.words,
+                "seen": seen,
+                "objects": one.states,
+                "now": frame.step.object_index,
+                "bars": [
+                    (labels[k], float(one.probs[k]), k == episode.target, portraits.get(labels[k]))
+                    for k in shown_shapes(one.probs, episode.target)
+                ],
+                "scores": frame.step.decision.scores,
+            }
+        )
     return {
-        "title": f"{sought}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})",
+        "title": f"{decider} searches for a {labels[episode.target]}: {verdict}, {episode.num_touches} touches "
+        f"(episode {episode.seed[-1]})",
         "success": bool(episode.success),
         "panels": panels,
         "scale": scale,
@@ -262,10 +290,46 @@ def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]
     }
 
 
-def _picture(image: NDArray[np.uint8], scale: int | None) -> str:
+class _Scenes:
+    """Pictures of the object and the pad; that of a decision is that of the touch before it."""
+
+    def __init__(self, sensor: TactileSensor) -> None:
+        self.scene = sensor.scene
+        self._last: tuple[Placement | None, float, str] = None, 0.0, ""
+
+    def of(self, moment: Moment) -> str:
+        """The picture as a URI."""
+        placement, depth, uri = self._last
+        if placement is not moment.placement or depth != moment.depth:
+            around = self.scene.around(moment.placement.shape)
+            image = press_picture(self.scene.pad, moment.placement, moment.depth, around, **_SCENE)
+            uri = _uri(Image.fromarray(image), "webp", quality=80)
+            self._last = moment.placement, moment.depth, uri
+        return uri
+
+
+def picture_uri(image: NDArray[np.uint8], scale: int | None) -> str:
+    """A tactile image as a URI; row 0 is at the bottom."""
     colours = image
     if image.ndim == 2:
         colours = (colormaps["magma"](image / (scale or 255))[:, :, :3] * 255).astype(np.uint8)
+    return _uri(Image.fromarray(colours[::-1]).quantize(64), "png", optimize=True)
+
+
+def body_uri(colours: NDArray[np.float64], outline: NDArray[np.float64] | None = None) -> str:
+    """A body as believed as a URI, with the outline of the true one."""
+    pixels = colours.copy()
+    if outline is not None:
+        inside = np.pad(outline > 0.5, 1)
+        around = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+        pixels[inside[1:-1, 1:-1] & ~around] = _OUTLINE
+    return _uri(Image.fromarray((255 * pixels[::-1]).round().astype(np.uint8)), "webp", quality=80)
+
+
+_OUTLINE = (0.0, 0.62, 0.45, 1.0)  # as in the picture of replay
+
+
+def _uri(picture: Image.Image, kind: str, **how: Any) -> str:
     buffer = io.BytesIO()
-    Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
-    return data_uri(buffer.getvalue(), "image/png")
+    picture.save(buffer, format=kind, **how)
+    return data_uri(buffer.getvalue(), f"image/{kind}")
