@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.poses import Placement, WorldObject, multiply, to_matrices, turn, turned
+from activetouch.poses import Placement, WorldObject, multiply, to_matrices, to_matrix, turn, turned
 from activetouch.pressing.contact import Pad, Trace, first_touch
 from activetouch.pressing.rig import Rig
 from activetouch.solids.raster import heights
@@ -207,6 +207,27 @@ class Bodies:
         level, _, cell, log_weights = evidence.belief.leaves_of(np.array([shape]))
         rests = np.array([self.rests[at][one] for at, one in zip(level.tolist(), cell.tolist(), strict=True)])
         return rests, np.ones(len(rests)), log_weights
+
+    def best(self, evidence: BodyEvidence, label: str) -> tuple[Floats, float]:
+        """The most probable orientation at rest of a shape, a unit quaternion ``wxyz``, and its size."""
+        rests, sizes, log_weights = self._hypotheses(evidence, list(self.shapes).index(label))
+        row = int(log_weights.argmax())
+        return rests[row], float(sizes[row])
+
+    def touched(self, label: str, orientation: Floats, size: float, in_pad: Floats) -> tuple[float, float, bool]:
+        """Row and column in a picture of the point that a pad meets first, and whether it is on the side that is seen.
+
+        ``orientation (4,)`` is that at rest, ``in_pad (4,)`` the one in front of the pad.
+        """
+        solid, pixel = self.shapes[label], 2.1 * self._radius / self.pixels
+        turns = np.stack([to_matrix(in_pad), to_matrix(turned(_ABOVE, orientation[None])[0])])
+        met, seen = heights(solid.surface, size * turns, np.zeros((2, 2)), pixel, self.pixels)
+        row, column = np.unravel_index(met.argmax(), met.shape)
+        middle = (self.pixels - 1) / 2
+        point = np.array([-met[row, column], (column - middle) * pixel, (row - middle) * pixel])
+        x, y, z = turns[1] @ turns[0].T @ point
+        row, column = (float(np.clip(one / pixel + middle, 0, self.pixels - 1)) for one in (z, y))
+        return row, column, bool(-x >= seen[round(row), round(column)] - 2 * pixel)
 
     def outline(self, label: str, body: WorldObject) -> Floats:
         """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``."""

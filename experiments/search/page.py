@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import json
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -17,10 +18,14 @@ from matplotlib.axis import Axis
 from numpy.typing import NDArray
 from PIL import Image
 
-from activetouch import TactileSensor
-from activetouch.poses import Placement
+from activetouch import Scene, TactileSensor
+from activetouch.distributions import Constant
+from activetouch.poses import Placement, WorldObject
+from activetouch.pressing.contact import Quasistatic
 from activetouch.view import Bodies, coloured, press_picture
 from belief.naming import shape_name
+from belief.problem import Probe, SearchProblem
+from belief.validation import Floats
 from experiments.report import Picture, Report, Section, data_uri
 from experiments.search.play import Moment, Searches, action_words, body_words, moments, shown_shapes
 from experiments.search.run import RunFolder
@@ -183,7 +188,10 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report
             "Bars: the belief about the object after the step; the target is orange. Bodies: each averaged over the "
             "orientations and sizes that are still possible, fainter if it is less probable; the line is the true one."
         )
-        films = [_story(searches, decider, episode) for decider, episode in found.searches]
+        films = [
+            story(searches.sensor, problem, _titled(decider, episode, problem), episode)
+            for decider, episode in found.searches
+        ]
         sections.append(Section("One search, touch by touch", [words, legend], films=films))
     for title, names in _SECTIONS.items():
         own = [shown[name] for name in names]
@@ -199,6 +207,13 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report
     made.append(f"{versions}; commit {stored['commit'] or 'unknown'}.")
     sections.append(Section("How this was made", made, folded={"run.json": [f"`{text}`"]}))
     return Report(f"Searching by touch in the scene “{searches.scene_name}”", sections, ("tables", "figures"))
+
+
+def _titled(decider: str, episode: Episode, problem: SearchProblem) -> str:
+    """Title of a search."""
+    ends = "success" if episode.success else f"fails, as it {why_failed(episode).words}"
+    sought = f"{decider} searches for a {problem.shape_labels[episode.target]}"
+    return f"{sought}: {ends}, {episode.num_touches} touches (episode {episode.seed[-1]})"
 
 
 class Shown(NamedTuple):
@@ -241,71 +256,141 @@ _MOST_DRAWN, _PORTRAITS = 40, 4  # steps with pictures of the scene and of bodie
 _SCENE = {"size": (300, 240), "oversampling": 1}  # of the picture of the scene
 
 
-def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
+def story(sensor: TactileSensor, problem: SearchProblem, title: str, episode: Episode) -> dict[str, Any]:
     """A search for the page, in the form of ``film.html``; only the first steps of a long one have pictures of bodies.
 
-    ``scale`` is the value of the brightest colour, None for images in colour.
+    ``scale`` is the value of the brightest colour, None for images in colour; ``start`` the step that is shown first.
+    Searches that are played ``together`` are at the same step.
     """
-    sensor, problem, labels = searches.sensor, searches.problem, searches.problem.shape_labels
-    verdict = "success" if episode.success else f"fails, as it {why_failed(episode).words}"
-    shown = moments(sensor, problem, episode)
-    largest = [int(one.image.max()) for one in shown if one.image is not None and one.image.ndim == 2]
-    scale = max(1, *largest) if largest else None
-    scenes, bodies = _Scenes(sensor), Bodies.of(sensor, pixels=72, draws=32)
-    panels = []
-    for number, one in enumerate(shown):
-        frame, is_drawn = one.frame, number < _MOST_DRAWN
-        seen = [("felt", picture_uri(one.image, scale))] if one.image is not None else []
-        if is_drawn and sensor.scene.hand is None:
-            seen.insert(0, ("object and pad", scenes.of(one)))
-        portraits = {}
-        if is_drawn and bodies is not None and one.evidence is not None:
-            true = shape_name(labels, frame.shape)
-            portraits = {
-                label: body_uri(coloured(picture, prob), bodies.outline(label, frame.body) if label == true else None)
-                for label, prob, picture in bodies.likeliest(one.evidence, one.probs, _PORTRAITS)
-            }
-        panels.append(
-            {
-                "heading": f"object {frame.step.object_index + 1}, {body_words(labels, frame.shape)}",
-                "action": action_words(frame.step.decision.action, problem),
-                "words": one.words,
-                "seen": seen,
-                "objects": one.states,
-                "now": frame.step.object_index,
-                "bars": [
-                    (labels[k], float(one.probs[k]), k == episode.target, portraits.get(labels[k]))
-                    for k in shown_shapes(one.probs, episode.target)
-                ],
-                "scores": frame.step.decision.scores,
-            }
-        )
+    labels, shown = problem.shape_labels, moments(sensor, problem, episode)
+    scale = brightest([one.image for one in shown])
+    drawn, panels = Drawn(sensor, scale), []
+    for one in shown[:_MOST_DRAWN]:
+        frame, action = one.frame, one.frame.step.decision.action
+        pose = action.pose if isinstance(action, Probe) and frame.image is not None else None
+        about = drawn.bodies_of(one.evidence, one.probs, pose, shape_name(labels, frame.shape), frame.body)
+        seen = [*drawn.scene_of(one), *drawn.felt(one.image), *drawn.predicted(one.evidence, one.probs, pose)]
+        panels.append(_panel(one, problem, episode.target, seen, about))
+    for one in shown[_MOST_DRAWN:]:
+        panels.append(_panel(one, problem, episode.target, drawn.felt(one.image), {}))
     return {
-        "title": f"{decider} searches for a {labels[episode.target]}: {verdict}, {episode.num_touches} touches "
-        f"(episode {episode.seed[-1]})",
+        "title": title,
         "success": bool(episode.success),
         "panels": panels,
         "scale": scale,
         "longest_label": max(map(len, labels)),
+        "start": 0,
+        "together": True,
     }
 
 
-class _Scenes:
-    """Pictures of the object and the pad; that of a decision is that of the touch before it."""
+def _panel(
+    moment: Moment, problem: SearchProblem, target: int, seen: Sequence[tuple[str, str]], bodies: Mapping[str, str]
+) -> dict[str, Any]:
+    frame, labels, probs = moment.frame, problem.shape_labels, moment.probs
+    return {
+        "heading": f"object {frame.step.object_index + 1}, {body_words(labels, frame.shape)}",
+        "action": action_words(frame.step.decision.action, problem),
+        "words": moment.words,
+        "seen": seen,
+        "objects": moment.states,
+        "now": frame.step.object_index,
+        "bars": [(labels[k], float(probs[k]), k == target, bodies.get(labels[k])) for k in shown_shapes(probs, target)],
+        "scores": frame.step.decision.scores,
+    }
 
-    def __init__(self, sensor: TactileSensor) -> None:
-        self.scene = sensor.scene
+
+def brightest(images: Iterable[NDArray[np.uint8] | None]) -> int | None:
+    """The largest value of some tactile images, at least 1; None for images in colour, or none at all."""
+    largest = [int(image.max()) for image in images if image is not None and image.ndim == 2]
+    return max(1, *largest) if largest else None
+
+
+class Drawn:
+    """Pictures of a step as URIs: the scene, what is felt, what probable bodies would feel like, and these bodies."""
+
+    def __init__(self, sensor: TactileSensor, scale: int | None) -> None:
+        self.sensor, self.scale = sensor, scale
+        self.bodies = Bodies.of(sensor, pixels=84, draws=32)
         self._last: tuple[Placement | None, float, str] = None, 0.0, ""
 
-    def of(self, moment: Moment) -> str:
-        """The picture as a URI."""
-        placement, depth, uri = self._last
+    def scene_of(self, moment: Moment) -> list[tuple[str, str]]:
+        """The object and the pad; after a decision, as they were at the touch before it."""
+        scene, (placement, depth, uri) = self.sensor.scene, self._last
+        if scene.hand is not None:
+            return []
         if placement is not moment.placement or depth != moment.depth:
-            around = self.scene.around(moment.placement.shape)
-            image = press_picture(self.scene.pad, moment.placement, moment.depth, around, **_SCENE)
+            around = scene.around(moment.placement.shape)
+            image = press_picture(scene.pad, moment.placement, moment.depth, around, **_SCENE)
             uri = _uri(Image.fromarray(image), "webp", quality=80)
             self._last = moment.placement, moment.depth, uri
-        return uri
+        return [("object and pad", uri)]
+
+    def felt(self, image: NDArray[np.uint8] | None) -> list[tuple[str, str]]:
+        """The image of the last touch."""
+        return [] if image is None else [("felt", picture_uri(image, self.scale))]
+
+    def predicted(self, evidence: Any, probs: Floats, pose: int | None, number: int = 2) -> list[tuple[str, str]]:
+        """What the most probable bodies of a belief about many would feel like in a pose, as they most probably lie."""
+        scene, bodies = self._exact, self.bodies
+        if pose is None or bodies is None or scene is None:
+            return []
+        found = []
+        for shape in np.argsort(-probs, kind="stable")[:number].tolist():
+            label = self.sensor.shape_labels[shape]
+            rest, size = bodies.best(evidence, label)
+            pressed = scene.press(WorldObject(shape, size, rest), pose, np.random.default_rng(0))
+            found.append((f"expected of {label}", picture_uri(pressed.image, self.scale)))
+        return found
+
+    @cached_property
+    def _exact(self) -> Scene | None:
+        """The scene without offsets, noise and simulated time; None where touches are not of many bodies."""
+        scene = self.sensor.scene
+        if scene.hand is not None or not hasattr(self.sensor.model, "strangers"):
+            return None
+        centred = replace(scene.variation, offset=Constant(0.0))
+        return replace(scene, variation=centred, press_model=Quasistatic(), faults=())
+
+    def bodies_of(
+        self, evidence: Any, probs: Floats, pose: int | None, true_label: str, body: WorldObject | None
+    ) -> dict[str, str]:
+        """Likely bodies by label, each averaged over what is possible, with the outline of the true one.
+
+        In beliefs about many bodies, a ring marks where the pad meets it.
+        """
+        if self.bodies is None or evidence is None:
+            return {}
+        found = {}
+        for label, prob, picture in self.bodies.likeliest(evidence, probs, _PORTRAITS):
+            pixels = coloured(picture, prob)
+            if body is not None and label == true_label:
+                _draw_outline(pixels, self.bodies.outline(label, body))
+            if pose is not None and self._exact is not None:
+                rest, size = self.bodies.best(evidence, label)
+                world_object = WorldObject(self.sensor.shape_labels.index(label), size, rest)
+                placed = self._exact.place(world_object, pose, np.random.default_rng(0))
+                _draw_ring(pixels, *self.bodies.touched(label, rest, size, placed.orientation))
+            found[label] = _uri(Image.fromarray((255 * pixels[::-1]).round().astype(np.uint8)), "webp", quality=80)
+        return found
+
+
+def _draw_outline(pixels: NDArray[np.float64], covered: NDArray[np.float64]) -> None:
+    """Draw the edge of what is covered."""
+    inside = np.pad(covered > 0.5, 1)
+    around = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    pixels[inside[1:-1, 1:-1] & ~around] = _OUTLINE
+
+
+def _draw_ring(pixels: NDArray[np.float64], row: float, column: float, is_seen: bool) -> None:
+    """Draw a ring about a point, fainter if the point is on the far side."""
+    rows, columns = np.indices(pixels.shape[:2])
+    ring = np.abs(np.hypot(rows - row, columns - column) - _RADIUS) < 0.8
+    pixels[ring] = (*_RING, 1.0 if is_seen else 0.35)
+
+
+_OUTLINE, _RING = (0.0, 0.62, 0.45, 1.0), (0.9, 0.32, 0.0)
+_RADIUS = 4.5  # of a ring [pixels]
 
 
 def picture_uri(image: NDArray[np.uint8], scale: int | None) -> str:
@@ -314,19 +399,6 @@ def picture_uri(image: NDArray[np.uint8], scale: int | None) -> str:
     if image.ndim == 2:
         colours = (colormaps["magma"](image / (scale or 255))[:, :, :3] * 255).astype(np.uint8)
     return _uri(Image.fromarray(colours[::-1]).quantize(64), "png", optimize=True)
-
-
-def body_uri(colours: NDArray[np.float64], outline: NDArray[np.float64] | None = None) -> str:
-    """A body as believed as a URI, with the outline of the true one."""
-    pixels = colours.copy()
-    if outline is not None:
-        inside = np.pad(outline > 0.5, 1)
-        around = inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
-        pixels[inside[1:-1, 1:-1] & ~around] = _OUTLINE
-    return _uri(Image.fromarray((255 * pixels[::-1]).round().astype(np.uint8)), "webp", quality=80)
-
-
-_OUTLINE = (0.0, 0.62, 0.45, 1.0)  # as in the picture of replay
 
 
 def _uri(picture: Image.Image, kind: str, **how: Any) -> str:
