@@ -110,15 +110,15 @@ class Found(MeshResult):
         found = []
         for number, row in self._ordered()[:_PICTURED]:
             decider, one = played[number]
-            title = f"Search {row['search']} by {decider}, {row['result']}: {row['answer']}; the truth: {row['target']}"
+            by = f" by {decider}" if len(self.comparison.deciders) > 1 else ""
+            title = f"Search {row['search']}{by}, {row['result']}: {row['answer']}; the truth: {row['target']}"
             found.append(story(self.sensor, self.comparison.problem, title, one) | {"together": False})
         return found
 
     def save(self, folder: Path | str) -> Path:
         """Write the report of the comparison, with the searches one by one and the bodies that feel alike."""
-        whole, own = self.comparison.report(folder), self.report().sections
-        first, *others = [section for section in whole.sections if not section.films]
-        sections = [first, *own[1:], *others]
+        whole, own = self.comparison.report(folder, with_searches=False), self.report().sections
+        sections = [whole.sections[0], *own[1:], *whole.sections[1:]]
         return replace(whole, title=self._question, sections=sections).save(Path(folder))
 
 

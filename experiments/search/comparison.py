@@ -114,8 +114,8 @@ class Comparison(Summary, Tabular):
         """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``; return the path of the page."""
         return self.report(folder).save(Path(folder))
 
-    def report(self, folder: str | Path) -> Report:
-        """The report for a folder, into which the searches are written; see :meth:`save`."""
+    def report(self, folder: str | Path, with_searches: bool = True) -> Report:
+        """The report for a folder, into which the searches are written, with some to step through; see :meth:`save`."""
         from experiments.search.page import report_of  # loads matplotlib
 
         if self.run is None:
@@ -123,7 +123,7 @@ class Comparison(Summary, Tabular):
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
             written.finish(self.run.searches.identity, self.run.arguments, self.run.lines())
-        return report_of(written, self, self.run.searches)
+        return report_of(written, self, self.run.searches, with_searches)
 
 
 def compare(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -33,6 +34,7 @@ from experiments.search.summary import ALL, Cell, Summary
 from experiments.search.verdict import (
     answer_sentences,
     by_return,
+    called,
     comparison_tables,
     detail_sentences,
     why_failed,
@@ -75,7 +77,7 @@ def draw_answer(comparison: Summary, axes: Axes) -> None:
         axes.text(x, -0.6, title, va="bottom", weight="bold", in_layout=False)
         axes.vlines(x, -0.5, len(names) - 0.5, color=ink, linewidth=0.8)
     axes.set(xlim=(0, beside + 0.8), ylim=(len(names) - 0.5, -1.0), xticks=[], yticks=range(len(names)))
-    axes.set_yticklabels(names)
+    axes.set_yticklabels([textwrap.fill(called(comparison)[name], 28) for name in names])
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
 
@@ -163,8 +165,8 @@ def _legend(axes: Axes, comparison: Summary) -> None:
 _SECTIONS = {"Success": ("results", "differences"), "Stated confidence": ("stated_confidence",), "Time": ("times",)}
 
 
-def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report:
-    """The report of a comparison, whose searches are those of a run folder."""
+def report_of(run: RunFolder, comparison: Summary, searches: Searches, with_searches: bool = True) -> Report:
+    """The report of a comparison, whose searches are those of a run folder; with some of them to step through."""
     tables, stored, problem = comparison_tables(comparison), run.read_run(), comparison.problem
     shown = {table.name: table for table in tables}
     said, details = answer_sentences(comparison), detail_sentences(comparison)
@@ -178,7 +180,7 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report
     folded = {"Returns, differences, intervals and stated confidence": details, "What was played": [played]}
     answer, *others = pictures(comparison)
     sections = [Section("", [*said, *shift_sentences(searches.sensor.shift)], [], [answer], folded)]
-    if found := shown_searches(comparison):
+    if with_searches and (found := shown_searches(comparison)):
         replayed = run.command("replay", folder=run.path, decider="NAME", target="SHAPE", number="N", out="search.png")
         words = (
             f"{found.why} The images were computed again from the episode's seed. Any other search, by its number: "
@@ -189,7 +191,7 @@ def report_of(run: RunFolder, comparison: Summary, searches: Searches) -> Report
             "orientations and sizes that are still possible, fainter if it is less probable; the line is the true one."
         )
         films = [
-            story(searches.sensor, problem, _titled(decider, episode, problem), episode)
+            story(searches.sensor, problem, _titled(called(comparison)[decider], episode, problem), episode)
             for decider, episode in found.searches
         ]
         sections.append(Section("One search, touch by touch", [words, legend], films=films))
@@ -240,7 +242,7 @@ def shown_searches(comparison: Summary) -> Shown | None:
             [(reason, _)] = Counter(reasons).most_common(1)
             some = [pair for pair, words in zip(differing, reasons, strict=True) if words == reason]
             one, other = min(some, key=lambda pair: pair[0].num_touches + pair[1].num_touches)
-            failing = name if one.success else first
+            failing = called(comparison)[name if one.success else first]
             why = f"A search in which {failing} fails, for its most frequent reason there: it {reason}."
             return Shown([(first, one), (name, other)], f"{why} The objects are the same, and equal touches as well.")
     for name, both in pairs.items():
@@ -253,6 +255,7 @@ def shown_searches(comparison: Summary) -> Shown | None:
 
 
 _MOST_DRAWN, _PORTRAITS = 40, 4  # steps with pictures of the scene and of bodies; bodies in each
+_MOST_BARS, _LEAST_BAR = 6, 0.005  # shapes that are all shown, and the least probability of a shape among more
 _SCENE = {"size": (300, 240), "oversampling": 1}  # of the picture of the scene
 
 
@@ -288,6 +291,9 @@ def _panel(
     moment: Moment, problem: SearchProblem, target: int, seen: Sequence[tuple[str, str]], bodies: Mapping[str, str]
 ) -> dict[str, Any]:
     frame, labels, probs = moment.frame, problem.shape_labels, moment.probs
+    kept = shown_shapes(probs, target)
+    if len(kept) > _MOST_BARS:
+        kept = [k for k in kept if k == target or labels[k] in bodies or probs[k] >= _LEAST_BAR]
     return {
         "heading": f"object {frame.step.object_index + 1}, {body_words(labels, frame.shape)}",
         "action": action_words(frame.step.decision.action, problem),
@@ -295,7 +301,7 @@ def _panel(
         "seen": seen,
         "objects": moment.states,
         "now": frame.step.object_index,
-        "bars": [(labels[k], float(probs[k]), k == target, bodies.get(labels[k])) for k in shown_shapes(probs, target)],
+        "bars": [(labels[k], float(probs[k]), k == target, bodies.get(labels[k])) for k in kept],
         "scores": frame.step.decision.scores,
     }
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import fmean, median
 from typing import NamedTuple
 
@@ -57,8 +57,16 @@ def answer_sentences(comparison: Summary) -> list[str]:
 
     Also who is surer, or less sure, than it should be.
     """
-    reasons = [failure_sentence(name, comparison.of(name)) for name in by_return(comparison)]
+    names = called(comparison)
+    reasons = [failure_sentence(names[name], comparison.of(name)) for name in by_return(comparison)]
     return [_answer(comparison), *filter(None, reasons), *_miscalibrated(comparison)]
+
+
+def called(comparison: Summary) -> dict[str, str]:
+    """Deciders by name as text calls them: without settings, if no other is called so."""
+    short = {name: name.partition("(")[0] for name in comparison.deciders}
+    number = Counter(short.values())
+    return {name: word if number[word] == 1 else name for name, word in short.items()}
 
 
 def detail_sentences(comparison: Summary) -> list[str]:
@@ -79,50 +87,47 @@ def detail_sentences(comparison: Summary) -> list[str]:
 
 def _answer(comparison: Summary) -> str:
     """How often each decider is right and with how many touches, the best first, and whether there is a best one."""
-    names, cells = by_return(comparison), {name: comparison.cells[name, ALL] for name in comparison.deciders}
-    first, number, small = names[0], cells[names[0]].num_episodes, is_small(comparison)
-    equals = names[:1] if small else [name for name in names if name in tied(comparison)]
-    others = [name for name in names if name not in equals]
-    is_there = all(one.target in one.arrangement for one in comparison.of(first))
-    found = f"{'found the target in' if is_there else 'is right in'} {_told(cells[first], first=True)}"
-    subject = f"{first}{_role(first)}"
-    if len(equals) == 1 < len(names) and not small:
-        is_most = cells[first].successes == max(cell.successes for cell in cells.values())
-        cost = "" if is_most else f", where a touch costs {comparison.problem.touch_cost:g} of a success"
-        subject = f"{first} is best{cost}: it"
-    sentence = f"{subject} {found}{_listed(equals[1:], cells)}"
+    words, small, number = called(comparison), is_small(comparison), len(comparison.of(comparison.reference))
+    ranked = {name: comparison.cells[name, ALL] for name in by_return(comparison)}
+    best, *_ = ranked
+    equals = [best] if small else [name for name in ranked if name in tied(comparison)]
+    in_words = [f"{words[name]}{_ROLES.get(words[name], '')}" for name in ranked]
+    told = [f" in {_told(cell)}" for cell in ranked.values()]
+    listed = [f"{who}{share}" for who, share in zip(in_words, told, strict=True)]
+    is_there = all(one.target in one.arrangement for one in comparison.of(best))
+    subject, ends = in_words[0], ""
     if len(equals) > 1:
-        sentence += f": as far as {number} searches tell, they are equally good"
-    sentences = [sentence]
-    if others:
-        verb = "found it in" if is_there else "is right in"
-        sentences.append(f"{others[0]}{_role(others[0])} {verb} {_told(cells[others[0]])}{_listed(others[1:], cells)}")
+        ends = f": as far as {number} searches tell, they are equally good"
+    elif len(ranked) > 1 and not small:
+        is_most = ranked[best].successes == max(cell.successes for cell in ranked.values())
+        cost = "" if is_most else f", where a touch costs {comparison.problem.touch_cost:g} of a success"
+        subject = f"{words[best]} is best{cost}: it"
+    found = "found the target in" if is_there else "is right in"
+    sentences = [f"{subject} {found} {_told(ranked[best], in_full=True)}{_listed(listed[1 : len(equals)])}{ends}"]
+    if (next_best := len(equals)) < len(ranked):
+        verb = "found it" if is_there else "is right"
+        sentences.append(f"{in_words[next_best]} {verb}{told[next_best]}{_listed(listed[next_best + 1 :])}")
     sentences.append(f"The best guess without a touch is right in {100 * comparison.no_touch_baseline:.0f} %")
-    if small and len(names) > 1:
+    if small and len(ranked) > 1:
         sentences.append(f"To call a decider the best takes at least {ENOUGH} searches")
     return f"{'. '.join(sentences)}."
 
 
-def _listed(names: Sequence[str], cells: Mapping[str, Cell]) -> str:
-    """Deciders with their successes and touches, to follow another one; of many, the first ones and the last."""
-    shown = names if len(names) <= _MOST_NAMED else [*names[: _MOST_NAMED - 1], names[-1]]
-    words = [f"; {name}{_role(name)} in {_told(cells[name])}" for name in shown]
-    words[-1:-1] = [f"; {len(names) - len(shown)} more"] * (len(shown) < len(names))
-    return "".join(words)
+def _listed(told: Sequence[str]) -> str:
+    """What is told of each decider, to follow another one; of many, the first ones and the last."""
+    shown = [f"; {one}" for one in told]
+    if len(shown) > _MOST_NAMED:
+        shown = [*shown[: _MOST_NAMED - 1], f"; {len(shown) - _MOST_NAMED} more", shown[-1]]
+    return "".join(shown)
 
 
-def _role(name: str) -> str:
-    """What a decider is in the eyes of a reader of the paper, by its name without settings."""
-    return _ROLES.get(name.partition("(")[0], "")
-
-
-def _told(cell: Cell, first: bool = False) -> str:
+def _told(cell: Cell, in_full: bool = False) -> str:
     """Successes and touches in words: all 100 searches, with 3.8 touches on average."""
-    share = f"{cell.successes} of {cell.num_episodes}" if first else f"{cell.successes}"
+    share = f"{cell.successes} of {cell.num_episodes}" if in_full else f"{cell.successes}"
     if cell.successes in (0, cell.num_episodes) and cell.num_episodes > 1:
-        share = f"all {cell.num_episodes}" if cell.successes else f"none{f' of {cell.num_episodes}' * first}"
-    touches = f"with {cell.touches:.1f}{' touches on average' * first}" if cell.touches else "without a touch"
-    return f"{share}{' searches' * first}, {touches}"
+        share = f"all {cell.num_episodes}" if cell.successes else f"none{f' of {cell.num_episodes}' * in_full}"
+    touches = f"with {cell.touches:.1f}{' touches on average' * in_full}" if cell.touches else "without a touch"
+    return f"{share}{' searches' * in_full}, {touches}"
 
 
 def failure_sentence(name: str, episodes: Sequence[Episode]) -> str:

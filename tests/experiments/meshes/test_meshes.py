@@ -239,7 +239,7 @@ def test_a_search_says_where_the_target_is_or_that_it_is_not_there(folder, tmp_p
     assert f"{sum(row['right'] for row in found.rows())} of 6 searches are answered rightly" in found.answer()
     page = found.save(tmp_path).read_text()
     assert page.count('<section class="story"') == 3  # its own, in place of that of compare
-    shown = re.findall(r"Search \d by \S+, (wrong|unsure|right):", page)
+    shown = re.findall(r"Search \d, (wrong|unsure|right):", page)
     assert shown[::2] == sorted((row["result"] for row in found.rows()), key=RESULTS.index)[:3]
     usual = find(folder, "cube", num_searches=1, threshold=0.3, jobs=1, plan=PLAN, levels=(0, 1), pressed=4)
     assert len(usual.rows()[0]["objects"].split()) == 3

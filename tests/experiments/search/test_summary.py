@@ -346,6 +346,7 @@ def test_unsure_searches_are_counted_priced_and_shown(rng):
 @pytest.mark.parametrize("kind", [Found, Identified])
 def test_the_interval_of_a_thousand_right_answers_is_no_point_below_the_table(kind, monkeypatch):
     row = dict.fromkeys((name for name, _ in kind._columns), 1) | {
+        "result": "right",
         "right": 1,
         "stated": 0.99,
         "touches": 2,
