@@ -52,7 +52,7 @@ def pictures(comparison: Summary) -> list[Picture]:
     return [
         Picture(name, caption, [partial(FIGURES[name], comparison)], size=size)
         for name, caption, size in (
-            ("answer", _ANSWER, (7.4, 0.55 + 0.32 * num_deciders)),
+            ("answer", _ANSWER, (_WIDTH + 0.8, 0.55 + 0.32 * num_deciders)),
             ("success", _SUCCESS, (_WIDTH, 1.0 + num_groups * (0.16 * num_deciders + 0.16))),
             ("frontier", _FRONTIER, (_WIDTH, 3.4)),
         )

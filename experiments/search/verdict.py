@@ -301,7 +301,8 @@ def _miscalibrated(comparison: Summary) -> list[str]:
     """Sentences on deciders whose stated confidence disagrees with their success."""
     scores = {name: found.overall for name, found in comparison.calibration.items() if found is not None}
     return [
-        f"{name} is {is_calibrated(score)} when confirming: its mean stated confidence is {_share(score.mean_stated)}, "
+        f"{called(comparison)[name]} is {is_calibrated(score)} when confirming: its mean stated confidence is "
+        f"{_share(score.mean_stated)}, "
         f"and it is right in {_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
         for name, score in scores.items()
         if not score.is_consistent
