@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 import sys
 from pathlib import Path, PurePosixPath
 from posixpath import normpath, relpath
@@ -17,6 +19,8 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 
 import gallery  # noqa: E402
 import pages  # noqa: E402
+from mkdocs.exceptions import PluginError  # noqa: E402
+from mkdocs.plugins import event_priority  # noqa: E402
 from mkdocs.structure.files import File  # noqa: E402
 
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
@@ -55,6 +59,7 @@ NAV: dict[str, list[str]] = {
         "drive_a_robot.md",
         "real_touch.md",
         "formats.md",
+        "train_a_sensor.md",
         "scale.md",
         "paper_figures.md",
         "contributing.md",
@@ -65,6 +70,50 @@ NAV: dict[str, list[str]] = {
 """Pages under each tab; generated pages are added to them."""
 NOTEBOOKS = ("toy", "your_classifier", "any_decision", "adaptive_test", "diagnosis", "digits")
 """Pages that can be downloaded as notebooks; their code is tested as it stands on the page."""
+BOOSTS = {
+    **dict.fromkeys(("decisions/", "what_was_tried.md", "roadmap.md", "changelog.md"), 0.1),
+    **dict.fromkeys(("reference/", "gallery", "reproduction.md", "deciders/", "worlds/"), 0.3),
+}
+"""Factors of pages in searches, by the beginning of their names: what explains comes before what lists and records."""
+WORDS = {
+    "install.md": ["Windows", "macOS", "Linux", "install", "pip"],
+    "start.md": ["Jupyter", "notebook", "Colab", "first"],
+    "scale.md": ["cluster", "Slurm", "Dask", "machines"],
+    "world.md": ["GelSight", "simulation", "renderer"],
+    "train_a_sensor.md": ["train", "training", "GPU"],
+    "calibration.md": ["calibrate", "calibration", "confidence"],
+    "results.md": ["accuracy", "success"],
+    "your_own_objects.md": ["mesh", "meshes", "STL", "OBJ", "objects"],
+    "your_own_pad.md": ["pad", "taxels", "layout"],
+    "drive_a_robot.md": ["robot", "ROS", "live"],
+    "real_touch.md": ["real", "recorded", "recordings", "dataset"],
+    "ppo.md": ["PPO", "reinforcement", "policy", "RL"],
+    "environments.md": ["Gymnasium", "environment"],
+    "your_classifier.md": ["classifier", "logits", "softmax"],
+    "any_decision.md": ["decision", "cost", "costs"],
+    "find.md": ["find", "identify"],
+    "planners.md": ["decider", "planner", "POMDP"],
+}
+"""Words that people type, and the page that answers: searches know them as its tags."""
+QUERIES = {
+    "Windows": "install/",
+    "macOS": "install/",
+    "cluster": "scale/",
+    "Jupyter": "start/",
+    "GelSight": "world/",
+    "how many touches": "results/",
+    "train": "train_a_sensor/",
+    "calibrate": "calibration/",
+    "my own meshes": "your_own_objects/",
+    "my pad has 4 x 4 taxels": "your_own_pad/",
+    "drive a robot": "drive_a_robot/",
+    "recorded touches": "real_touch/",
+    "GPU": "train_a_sensor/",
+    "notebook": "start/",
+    "find a mug among many meshes": "find/",
+    "logits of my classifier": "your_classifier/",
+}
+"""What people type into the search, and the page that must come first."""
 FOLDERS = ("deciders", "worlds", "reference/api")
 REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
@@ -142,10 +191,10 @@ def _online(target: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Rewrite links that leave the folder, and put records of decisions last in searches."""
+    """Rewrite links that leave the folder, and say how searches find the page."""
     place = page.file.src_uri
-    if place.startswith("decisions/"):
-        page.meta["search"] = {"boost": 0.3}
+    page.meta["search"] = {"boost": next((boost for name, boost in BOOSTS.items() if place.startswith(name)), 1.0)}
+    page.meta["tags"] = WORDS.get(place, [])
     origin = next((name for name, made in OF_ROOT.items() if made == place), f"docs/{place}")
 
     def link(found: re.Match[str]) -> str:
@@ -179,3 +228,20 @@ def _page_of(target: str, files: Any) -> str | None:
         if files.get_file_from_path(name) is not None:
             return name
     return None
+
+
+@event_priority(-100)  # after the search has written its index
+def on_post_build(config: Any) -> None:
+    """Check that what people type finds its page first, by the search of the site itself, where there is Node.js."""
+    if missed := misses(Path(config["site_dir"])):
+        raise PluginError(f"searches that find another page first: {', '.join(missed)}")
+
+
+def misses(site: Path) -> list[str]:
+    """Queries for which the search of a site finds another page first; none without Node.js."""
+    if (node := shutil.which("node")) is None:
+        return []
+    command = [node, Path(__file__).with_name("search.js"), site, *QUERIES]
+    found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    first = {query: (places or ["nothing"])[0].partition("#")[0] for query, places in found.items()}
+    return [f"{query!r} finds {first[query]}" for query, wanted in QUERIES.items() if first[query] != wanted]
