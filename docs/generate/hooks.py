@@ -18,10 +18,12 @@ ROOT = Path(__file__).parent.parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 
 import gallery  # noqa: E402
+import notebooks  # noqa: E402
 import pages  # noqa: E402
 from mkdocs.exceptions import PluginError  # noqa: E402
 from mkdocs.plugins import event_priority  # noqa: E402
 from mkdocs.structure.files import File  # noqa: E402
+from notebooks import LINK, NOTEBOOKS, REPOSITORY  # noqa: E402
 
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
@@ -68,8 +70,6 @@ NAV: dict[str, list[str]] = {
     "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
 }
 """Pages under each tab; generated pages are added to them."""
-NOTEBOOKS = ("toy", "your_classifier", "any_decision", "adaptive_test", "diagnosis", "digits")
-"""Pages that can be downloaded as notebooks; their code is tested as it stands on the page."""
 BOOSTS = {
     **dict.fromkeys(("decisions/", "what_was_tried.md", "roadmap.md", "changelog.md"), 0.1),
     **dict.fromkeys(("reference/", "gallery", "reproduction.md", "deciders/", "worlds/"), 0.3),
@@ -115,8 +115,6 @@ QUERIES = {
 }
 """What people type into the search, and the page that must come first."""
 FOLDERS = ("deciders", "worlds", "reference/api")
-REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"
-_LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
 _PICTURE = re.compile(r'<picture>.*?srcset="([^"]+)".*?src="([^"]+)".*?alt="([^"]+)".*?</picture>', re.S)
 
 
@@ -163,31 +161,10 @@ def on_files(files: Any, config: Any) -> Any:
         title, code = gallery.title(script), script.read_text(encoding="utf-8")
         figure = f"![{first}]({script.stem}.png)" if (gallery.FIGURES / f"{script.stem}.png").exists() else ""
         made[f"gallery/{script.stem}.md"] = f"# {title}\n\n{paragraph}\n\n{figure}\n\n```python\n{code}```\n"
-    made |= {f"{name}.ipynb": notebook(ROOT / f"docs/{name}.md") for name in NOTEBOOKS}
+    made |= {f"{name}.ipynb": notebooks.notebook(ROOT / f"docs/{name}.md") for name in NOTEBOOKS}
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
     return files
-
-
-def notebook(page: Path) -> str:
-    """The page as a Jupyter notebook: its Python blocks are cells of code, what is between them is text."""
-    cells = []
-    for number, part in enumerate(
-        re.split(r"^```python\n(.*?)^```\n", page.read_text(encoding="utf-8"), flags=re.S | re.M)
-    ):
-        cell: dict[str, Any] = {"id": f"cell-{number}", "metadata": {}, "source": part.strip()}
-        if number % 2:
-            cells.append(cell | {"cell_type": "code", "execution_count": None, "outputs": []})
-        elif part.strip():
-            linked = _LINK.sub(lambda link: link[0].replace(f"]({link[3]}", f"]({_online(link[3])}"), part.strip())
-            cells.append(cell | {"cell_type": "markdown", "source": linked})
-    kernel = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
-    return json.dumps({"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}, indent=1)
-
-
-def _online(target: str) -> str:
-    """Where a link of a page in docs/ leads from anywhere."""
-    return target if not target or "://" in target else f"{REPOSITORY}/{normpath(f'docs/{target}')}"
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
@@ -209,10 +186,13 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
 
     name = place.removesuffix(".md")
     if name in NOTEBOOKS:
-        markdown = re.sub(r"\A(# .*\n)", rf"\1\n[This page as a notebook]({name}.ipynb){{ download }}\n", markdown)
+        links = (
+            f"[Open in Colab]({notebooks.COLAB}/{name}.ipynb) · [This page as a notebook]({name}.ipynb){{ download }}"
+        )
+        markdown = re.sub(r"\A(# .*\n)", rf"\1\n{links}\n", markdown)
     markdown = _PICTURE.sub(r"![\3](\2#only-light)\n![\3](\1#only-dark)", markdown)
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
-    return "".join(part if number % 2 else _LINK.sub(link, part) for number, part in enumerate(parts))
+    return "".join(part if number % 2 else LINK.sub(link, part) for number, part in enumerate(parts))
 
 
 def _page_of(target: str, files: Any) -> str | None:

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -122,6 +123,10 @@ class MeshResult(Tabular, Reported):
 
     def __str__(self) -> str:
         return "\n\n".join([*self.left_out, *map(str, self.twins), super().__str__()])
+
+    def _repr_html_(self) -> str:
+        """The answer and the table, for a notebook."""
+        return f"<p>{escape(self.answer())}</p>{super()._repr_html_()}"
 
     def report(self) -> Report:
         """The answer, the table, touches one by one, and bodies that feel alike."""

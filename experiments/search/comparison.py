@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,6 +66,10 @@ class Comparison(Summary, Tabular):
 
     def __repr__(self) -> str:
         return str(self)
+
+    def _repr_html_(self) -> str:
+        """The answer and the table, for a notebook."""
+        return "".join(f"<p>{escape(sentence)}</p>" for sentence in self.answer()) + super()._repr_html_()
 
     def rows(self) -> list[dict[str, Any]]:
         """Results by decider and target, unrounded, and by decider over all targets: ``pandas.DataFrame`` takes them.
