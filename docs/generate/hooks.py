@@ -114,6 +114,8 @@ QUERIES = {
     "logits of my classifier": "your_classifier/",
 }
 """What people type into the search, and the page that must come first."""
+WIDEST = 66
+"""Characters of code in a line of a page."""
 FOLDERS = ("deciders", "worlds", "reference/api")
 _PICTURE = re.compile(r'<picture>.*?srcset="([^"]+)".*?src="([^"]+)".*?alt="([^"]+)".*?</picture>', re.S)
 
@@ -192,7 +194,18 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         markdown = re.sub(r"\A(# .*\n)", rf"\1\n{links}\n", markdown)
     markdown = _PICTURE.sub(r"![\3](\2#only-light)\n![\3](\1#only-dark)", markdown)
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
-    return "".join(part if number % 2 else LINK.sub(link, part) for number, part in enumerate(parts))
+    return "".join(narrow(part) if number % 2 else LINK.sub(link, part) for number, part in enumerate(parts))
+
+
+def narrow(block: str) -> str:
+    """A block of shell commands with comments above lines that are too long for the page with them."""
+    if not block.startswith(("```sh", "```bash")):
+        return block
+    lines = []
+    for line in block.splitlines():
+        found = re.fullmatch(r"(\S.*?\S) +(# .*)", line)
+        lines += [found[2], found[1]] if found and len(line) > WIDEST else [line]
+    return "\n".join(lines)
 
 
 def _page_of(target: str, files: Any) -> str | None:
