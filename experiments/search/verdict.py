@@ -25,7 +25,11 @@ LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
 ENOUGH = 20
 """Least number of searches after which a decider is called the best; resamples of fewer are too much alike."""
-_ROLES = {"threshold": ", the paper's rule,", "random_confirm": ", which guesses,"}
+_ROLES = {
+    "threshold": ", the paper's rule,",
+    "random_confirm": ", which guesses,",
+    FULL_INFORMATION: ", which touches all objects in all poses,",
+}
 _MOST_NAMED, _MOST_REASONS = 6, 3  # deciders in the answer, and reasons of failures of each
 _PROBABLE, _POSSIBLE = 0.5, 0.05  # probabilities of the target at a wrong decision
 
@@ -142,9 +146,9 @@ def failure_sentence(name: str, episodes: Sequence[Episode]) -> str:
     told = []
     for found in groups[:_MOST_REASONS]:
         prob, touches = median(one.prob for one in found), median(one.touches for one in found)
-        touched = f"{touches:g} touch{'es' * (touches != 1)}"
-        numbers = f"(median: {touched} of it, probability {prob:.2f})" if touches else ""
-        told.append(f"in {len(found)} it {found[0].words} {numbers}".rstrip())
+        touched = f"{touches:g} touch{'es' * (touches != 1)} of it, probability {prob:.2f}"
+        numbers = f" ({'median: ' * (len(found) > 1)}{touched})" if touches else ""
+        told.append(f"{f'in {len(found)} ' * (len(groups) > 1)}it {found[0].words}{numbers}")
     rest = sum(map(len, groups[_MOST_REASONS:]))
     return f"Why {name} fails in {len(failed)}: {'; '.join(told)}{f'; {rest} have other reasons' * (rest > 0)}."
 
