@@ -317,7 +317,8 @@ class Drawn:
 
     def __init__(self, sensor: TactileSensor, scale: int | None) -> None:
         self.sensor, self.scale = sensor, scale
-        self.bodies = Bodies.of(sensor, pixels=84, draws=32)
+        self.bodies = Bodies.of(sensor, pixels=84, draws=24)
+        self._likeliest: tuple[Any, Floats, list[tuple[str, float, Floats]]] = None, np.zeros(0), []
         self._last: tuple[Placement | None, float, str] = None, 0.0, ""
 
     def scene_of(self, moment: Moment) -> list[tuple[str, str]]:
@@ -367,8 +368,12 @@ class Drawn:
         """
         if self.bodies is None or evidence is None:
             return {}
+        about, believed, likeliest = self._likeliest
+        if about is not evidence or not np.array_equal(believed, probs):  # a decision has those of the touch before it
+            likeliest = self.bodies.likeliest(evidence, probs, _PORTRAITS)
+            self._likeliest = evidence, probs, likeliest
         found = {}
-        for label, prob, picture in self.bodies.likeliest(evidence, probs, _PORTRAITS):
+        for label, prob, picture in likeliest:
             pixels = coloured(picture, prob)
             if body is not None and label == true_label:
                 _draw_outline(pixels, self.bodies.outline(label, body))
