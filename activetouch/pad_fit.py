@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,11 @@ class PadFit(FrozenArrays):
             ranges[name] = found.low if found.low == found.high else [found.low, found.high]
         dead = tuple(sorted({*self.before.dead, *self.dead, *self.odd}))
         return replace(self.before, response=Response.of(ranges), dead=dead)
+
+    def _repr_html_(self) -> str:
+        """What was found, for a notebook."""
+        lines = "\n".join(self.sentences())
+        return f"<pre>{escape(lines)}</pre>"
 
     def sentences(self) -> list[str]:
         """What was found, in words."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 
 import numpy as np
 
@@ -104,6 +105,10 @@ class PoseBelief(FrozenArrays):
         held = np.cumsum(self.probs[order])
         place = min(int(np.searchsorted(held, mass * held[-1] - 1e-12)), len(order) - 1)
         return CredibleSet(centres, float(np.rad2deg(angles[order[place]])), self.symmetry)
+
+    def _repr_html_(self) -> str:
+        """The sentence, for a notebook."""
+        return f"<p>{escape(str(self))}</p>"
 
     def __str__(self) -> str:
         way, found = self.ways()[0], self.credible()

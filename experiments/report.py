@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,6 +176,15 @@ class Report:
             pieces += [*section.sentences, *(table.markdown() for table in section.tables if table.rows)]
         return "\n\n".join(pieces)
 
+    def _repr_html_(self) -> str:
+        """Sentences and tables, for a notebook."""
+        pieces = [f"<h3>{escape(self.title)}</h3>"]
+        for section in self.sections:
+            pieces += [f"<h4>{escape(section.title)}</h4>"] * bool(section.title)
+            pieces += [f"<p>{with_code(escape(sentence))}</p>" for sentence in section.sentences]
+            pieces += [table.html() for table in section.tables if table.rows]
+        return "".join(pieces)
+
     def save(self, folder: Path) -> Path:
         """Write ``report.html``, tables as CSV and LaTeX, figures as SVG and PNG, and ``files``; return the page."""
         tables, figures = (folder / name for name in self.folders)
@@ -215,6 +225,10 @@ class Reported(ABC):
 
     def __str__(self) -> str:
         return str(self.report())
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return self.report()._repr_html_()
 
 
 def anchor(title: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 from belief.bayes import Belief
@@ -87,6 +88,11 @@ class Episode:
                 f"  object {number + 1}, {name}: poses {poses}, p({labels[self.target]}) {probs}{moved}: {end}"
             )
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """The search as paragraphs, for a notebook."""
+        first, *lines = str(self).splitlines()
+        return f"<p><b>{escape(first)}</b></p>" + "".join(f"<p>{escape(line.strip())}</p>" for line in lines)
 
     @property
     def num_touches(self) -> int:

@@ -82,7 +82,7 @@ def test_every_part_of_the_papers_method_has_a_command():
 @pytest.mark.parametrize("line", PRESSES)
 def test_the_presses_of_the_papers_method_write_their_files(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("activetouch.view.picture._FRAME", (64, 48))
+    monkeypatch.setattr("activetouch.view._FRAME", (64, 48))
     options = [str(MENAGERIE) if word == "mujoco_menagerie" else word for word in shlex.split(line)[1:]]
     _parsed(options).run()
     [written] = tmp_path.iterdir()

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -55,12 +56,63 @@ def test_no_page_compares_a_decider_with_itself(made):
 def test_a_notebook_has_the_code_of_its_page_and_links_that_lead_somewhere_from_anywhere(name, monkeypatch):
     monkeypatch.syspath_prepend(GENERATE)
     monkeypatch.setattr(sys, "path", [*sys.path])  # the module adds to it
-    hooks = import_module("hooks")
-    for module in ("hooks", "pages", "shelves", "gallery"):
-        monkeypatch.delitem(sys.modules, module, raising=False)
+    notebooks = import_module("notebooks")
+    monkeypatch.delitem(sys.modules, "notebooks")
     page = DOCS / f"{name}.md"
-    cells = json.loads(hooks.notebook(page))["cells"]
-    code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
+    cells = json.loads(notebooks.notebook(page))["cells"]
+    install, *code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
+    assert "google.colab" in install
     assert code == [block.strip() for block in re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.S)]
     text = "".join(cell["source"] for cell in cells if cell["cell_type"] == "markdown")
     assert all(link.startswith("https://") for link in re.findall(r"\]\(([^)]+)\)", text))
+
+
+def test_the_notebooks_that_colab_opens_are_those_of_the_pages(monkeypatch):
+    monkeypatch.syspath_prepend(GENERATE)
+    notebooks = import_module("notebooks")
+    monkeypatch.delitem(sys.modules, "notebooks")
+    assert {path.stem for path in notebooks.FOLDER.glob("*.ipynb")} == {*notebooks.NOTEBOOKS}
+    for name in notebooks.NOTEBOOKS:
+        held = (notebooks.FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
+        assert held == f"{notebooks.notebook(DOCS / f'{name}.md')}\n", "run python docs/generate/notebooks.py"
+
+
+SITE = {
+    "boosted": {"location": "explains/", "title": "Press a cup", "text": "<p>A cup is pressed.</p>", "boost": 1.0},
+    "api": {"location": "reference/", "title": "cup", "text": "<p>cup cup cup</p>", "boost": 0.3},
+    "tagged": {"location": "systems/", "title": "Systems", "text": "<p>Linux.</p>", "tags": ["Windows"]},
+    "named": {"location": "reference/#windows", "title": "windows", "text": "<p>Images.</p>"},
+}
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="the search of the site runs in Node.js")
+def test_the_check_of_the_search_knows_boosts_and_tags_and_notices_what_is_missed(tmp_path, monkeypatch):
+    import material
+
+    monkeypatch.syspath_prepend(GENERATE)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # the module adds to it
+    hooks = import_module("hooks")
+    for module in ("hooks", "pages", "shelves", "gallery", "notebooks"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    workers = "assets/javascripts/workers"
+    shutil.copytree(Path(material.__file__).parent / "templates" / workers, tmp_path / workers)
+    fields = {"title": {"boost": 1000}, "text": {"boost": 1}, "tags": {"boost": 3000}}
+    config = {"lang": ["en"], "separator": "[\\s\\-]+", "pipeline": ["stopWordFilter"], "fields": fields}
+    (tmp_path / "search").mkdir()
+    index = {"config": config, "docs": list(SITE.values())}
+    (tmp_path / "search/search_index.json").write_text(json.dumps(index))
+    monkeypatch.setattr(hooks, "QUERIES", {"cup": "explains/", "Windows": "systems/"})
+    assert hooks.misses(tmp_path) == []
+    monkeypatch.setattr(hooks, "QUERIES", {"cup": "reference/", "Windows": "systems/", "glove": "explains/"})
+    assert hooks.misses(tmp_path) == ["'cup' finds explains/", "'glove' finds nothing"]
+
+
+def test_what_people_type_leads_to_pages_that_are_there(monkeypatch):
+    monkeypatch.syspath_prepend(GENERATE)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # the module adds to it
+    hooks = import_module("hooks")
+    for module in ("hooks", "pages", "shelves", "gallery", "notebooks"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    assert len(hooks.QUERIES) >= 8
+    for page in {*hooks.WORDS, *(f"{place.rstrip('/')}.md" for place in hooks.QUERIES.values())}:
+        assert (DOCS / page).exists(), page

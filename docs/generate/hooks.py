@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 import sys
 from pathlib import Path, PurePosixPath
 from posixpath import normpath, relpath
@@ -16,8 +18,12 @@ ROOT = Path(__file__).parent.parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 
 import gallery  # noqa: E402
+import notebooks  # noqa: E402
 import pages  # noqa: E402
+from mkdocs.exceptions import PluginError  # noqa: E402
+from mkdocs.plugins import event_priority  # noqa: E402
 from mkdocs.structure.files import File  # noqa: E402
+from notebooks import LINK, NOTEBOOKS, REPOSITORY  # noqa: E402
 
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
@@ -55,6 +61,7 @@ NAV: dict[str, list[str]] = {
         "drive_a_robot.md",
         "real_touch.md",
         "formats.md",
+        "train_a_sensor.md",
         "scale.md",
         "paper_figures.md",
         "contributing.md",
@@ -63,11 +70,53 @@ NAV: dict[str, list[str]] = {
     "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
 }
 """Pages under each tab; generated pages are added to them."""
-NOTEBOOKS = ("toy", "your_classifier", "any_decision", "adaptive_test", "diagnosis", "digits")
-"""Pages that can be downloaded as notebooks; their code is tested as it stands on the page."""
+BOOSTS = {
+    **dict.fromkeys(("decisions/", "what_was_tried.md", "roadmap.md", "changelog.md"), 0.1),
+    **dict.fromkeys(("reference/", "gallery", "reproduction.md", "deciders/", "worlds/"), 0.3),
+}
+"""Factors of pages in searches, by the beginning of their names: what explains comes before what lists and records."""
+WORDS = {
+    "install.md": ["Windows", "macOS", "Linux", "install", "pip"],
+    "start.md": ["Jupyter", "notebook", "Colab", "first"],
+    "scale.md": ["cluster", "Slurm", "Dask", "machines"],
+    "world.md": ["GelSight", "simulation", "renderer"],
+    "train_a_sensor.md": ["train", "training", "GPU"],
+    "calibration.md": ["calibrate", "calibration", "confidence"],
+    "results.md": ["accuracy", "success"],
+    "your_own_objects.md": ["mesh", "meshes", "STL", "OBJ", "objects"],
+    "your_own_pad.md": ["pad", "taxels", "layout"],
+    "drive_a_robot.md": ["robot", "ROS", "live"],
+    "real_touch.md": ["real", "recorded", "recordings", "dataset"],
+    "ppo.md": ["PPO", "reinforcement", "policy", "RL"],
+    "environments.md": ["Gymnasium", "environment"],
+    "your_classifier.md": ["classifier", "logits", "softmax"],
+    "any_decision.md": ["decision", "cost", "costs"],
+    "find.md": ["find", "identify"],
+    "planners.md": ["decider", "planner", "POMDP"],
+}
+"""Words that people type, and the page that answers: searches know them as its tags."""
+QUERIES = {
+    "Windows": "install/",
+    "macOS": "install/",
+    "cluster": "scale/",
+    "Jupyter": "start/",
+    "GelSight": "world/",
+    "how many touches": "results/",
+    "train": "train_a_sensor/",
+    "calibrate": "calibration/",
+    "my own meshes": "your_own_objects/",
+    "my pad has 4 x 4 taxels": "your_own_pad/",
+    "drive a robot": "drive_a_robot/",
+    "recorded touches": "real_touch/",
+    "GPU": "train_a_sensor/",
+    "notebook": "start/",
+    "find a mug among many meshes": "find/",
+    "logits of my classifier": "your_classifier/",
+}
+"""What people type into the search, and the page that must come first."""
+WIDEST = 66
+"""Characters of code in a line of a page."""
 FOLDERS = ("deciders", "worlds", "reference/api")
-REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"
-_LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
 _PICTURE = re.compile(r'<picture>.*?srcset="([^"]+)".*?src="([^"]+)".*?alt="([^"]+)".*?</picture>', re.S)
 
 
@@ -114,38 +163,17 @@ def on_files(files: Any, config: Any) -> Any:
         title, code = gallery.title(script), script.read_text(encoding="utf-8")
         figure = f"![{first}]({script.stem}.png)" if (gallery.FIGURES / f"{script.stem}.png").exists() else ""
         made[f"gallery/{script.stem}.md"] = f"# {title}\n\n{paragraph}\n\n{figure}\n\n```python\n{code}```\n"
-    made |= {f"{name}.ipynb": notebook(ROOT / f"docs/{name}.md") for name in NOTEBOOKS}
+    made |= {f"{name}.ipynb": notebooks.notebook(ROOT / f"docs/{name}.md") for name in NOTEBOOKS}
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
     return files
 
 
-def notebook(page: Path) -> str:
-    """The page as a Jupyter notebook: its Python blocks are cells of code, what is between them is text."""
-    cells = []
-    for number, part in enumerate(
-        re.split(r"^```python\n(.*?)^```\n", page.read_text(encoding="utf-8"), flags=re.S | re.M)
-    ):
-        cell: dict[str, Any] = {"id": f"cell-{number}", "metadata": {}, "source": part.strip()}
-        if number % 2:
-            cells.append(cell | {"cell_type": "code", "execution_count": None, "outputs": []})
-        elif part.strip():
-            linked = _LINK.sub(lambda link: link[0].replace(f"]({link[3]}", f"]({_online(link[3])}"), part.strip())
-            cells.append(cell | {"cell_type": "markdown", "source": linked})
-    kernel = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
-    return json.dumps({"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}, indent=1)
-
-
-def _online(target: str) -> str:
-    """Where a link of a page in docs/ leads from anywhere."""
-    return target if not target or "://" in target else f"{REPOSITORY}/{normpath(f'docs/{target}')}"
-
-
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Rewrite links that leave the folder, and put records of decisions last in searches."""
+    """Rewrite links that leave the folder, and say how searches find the page."""
     place = page.file.src_uri
-    if place.startswith("decisions/"):
-        page.meta["search"] = {"boost": 0.3}
+    page.meta["search"] = {"boost": next((boost for name, boost in BOOSTS.items() if place.startswith(name)), 1.0)}
+    page.meta["tags"] = WORDS.get(place, [])
     origin = next((name for name, made in OF_ROOT.items() if made == place), f"docs/{place}")
 
     def link(found: re.Match[str]) -> str:
@@ -160,10 +188,24 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
 
     name = place.removesuffix(".md")
     if name in NOTEBOOKS:
-        markdown = re.sub(r"\A(# .*\n)", rf"\1\n[This page as a notebook]({name}.ipynb){{ download }}\n", markdown)
+        links = (
+            f"[Open in Colab]({notebooks.COLAB}/{name}.ipynb) · [This page as a notebook]({name}.ipynb){{ download }}"
+        )
+        markdown = re.sub(r"\A(# .*\n)", rf"\1\n{links}\n", markdown)
     markdown = _PICTURE.sub(r"![\3](\2#only-light)\n![\3](\1#only-dark)", markdown)
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
-    return "".join(part if number % 2 else _LINK.sub(link, part) for number, part in enumerate(parts))
+    return "".join(narrow(part) if number % 2 else LINK.sub(link, part) for number, part in enumerate(parts))
+
+
+def narrow(block: str) -> str:
+    """A block of shell commands with comments above lines that are too long for the page with them."""
+    if not block.startswith(("```sh", "```bash")):
+        return block
+    lines = []
+    for line in block.splitlines():
+        found = re.fullmatch(r"(\S.*?\S) +(# .*)", line)
+        lines += [found[2], found[1]] if found and len(line) > WIDEST else [line]
+    return "\n".join(lines)
 
 
 def _page_of(target: str, files: Any) -> str | None:
@@ -179,3 +221,20 @@ def _page_of(target: str, files: Any) -> str | None:
         if files.get_file_from_path(name) is not None:
             return name
     return None
+
+
+@event_priority(-100)  # after the search has written its index
+def on_post_build(config: Any) -> None:
+    """Check that what people type finds its page first, by the search of the site itself, where there is Node.js."""
+    if missed := misses(Path(config["site_dir"])):
+        raise PluginError(f"searches that find another page first: {', '.join(missed)}")
+
+
+def misses(site: Path) -> list[str]:
+    """Queries for which the search of a site finds another page first; none without Node.js."""
+    if (node := shutil.which("node")) is None:
+        return []
+    command = [node, Path(__file__).with_name("search.js"), site, *QUERIES]
+    found = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    first = {query: (places or ["nothing"])[0].partition("#")[0] for query, places in found.items()}
+    return [f"{query!r} finds {first[query]}" for query, wanted in QUERIES.items() if first[query] != wanted]

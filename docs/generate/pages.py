@@ -24,7 +24,7 @@ API = {
     "calibration": ("belief.calibration", "belief.metrics", "belief.estimators"),
     "statistics": ("belief.statistics",),
     "planners": ("planners", "planners.stopping", "planners.probing", "planners.abstaining"),
-    "solver": ("planners.solve", "planners.one_touch"),
+    "solver": ("planners.solve",),
     "activetouch": ("activetouch", "activetouch.sensor", "activetouch.world", "activetouch.scene",
                     "activetouch.named_scenes"),
     "rendering": ("activetouch.rendering",),

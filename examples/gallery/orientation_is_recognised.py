@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from activetouch import TactileSensor
+from activetouch.view import Bodies, coloured
 from belief import Belief, BeliefTracker
-from experiments.search.replay_figures import Bodies, coloured
 
 SEED, POSES = 1, ("y45", "front", "z45", "y90")
 PIXELS, DRAWS = (24, 4) if "--short" in sys.argv else (96, 96)

@@ -7,7 +7,7 @@ target's.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,11 @@ from activetouch.errors import MeshWarning
 from activetouch.named_scenes import SCENES, NamedScene
 from belief.errors import InvalidArgument
 from belief.files import ends_claims
-from belief.observation_model.nested_bodies import NestedEvidence
 from belief.table import Table
 from belief.validation import require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
-from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
+from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, result_of, solids_of
 from experiments.meshes.setting import SIZES, model_of, pad_of, plan_of, sensor_of
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import Comparison, played, prepared
@@ -46,7 +45,10 @@ class Found(MeshResult):
     target: str
     comparison: Comparison
     _kind = "searches"
-    _columns = ("decider", ""), ("target", ""), ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")
+    _columns = (
+        *(("result", ""), ("search", "d"), ("decider", ""), ("target", ""), ("answer", "")),
+        *(("stated", ".3f"), ("touches", "d"), ("objects", "")),
+    )
     _note = (
         "{right} of {number} answers are right, {low} to {high}; stated {stated:.2f} and {spent:.1f} touches "
         "in the mean."
@@ -57,6 +59,8 @@ class Found(MeshResult):
         labels = self.sensor.shape_labels
         return [
             {
+                "result": result_of(bool(one.success), one.is_answered, False),
+                "search": number,
                 "decider": decider,
                 "objects": " ".join(labels[body] for body in one.arrangement),
                 "target": self._place(one.arrangement.index(one.target) if one.target in one.arrangement else None),
@@ -66,7 +70,7 @@ class Found(MeshResult):
                 "touches": one.num_touches,
             }
             for decider in self.comparison.deciders
-            for one in self.comparison.of(decider)
+            for number, one in enumerate(self.comparison.of(decider), 1)
         ]
 
     def table(self) -> Table:
@@ -91,27 +95,31 @@ class Found(MeshResult):
     def _question(self) -> str:
         return f"Where is {self.target}?"
 
-    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
-        from experiments.search.play import replay  # loads matplotlib
+    @property
+    def _answered(self) -> str:
+        return "searches are answered rightly"
 
-        for number, one in enumerate(self.comparison.of(self.comparison.reference)[:_PICTURED], 1):
-            frames = [frame for frame in replay(self.sensor, self.comparison.problem, one) if frame.image is not None]
-            words = [
-                f"object {frame.step.object_index + 1}, side {self.sensor.pose_labels[frame.step.touch.pose]}; it is "
-                f"the target with probability {frame.posterior[one.target]:.2f}"
-                for frame in frames
-                if frame.step.touch is not None
-            ]
-            truth = self._place(one.arrangement.index(one.target) if one.target in one.arrangement else None)
-            after = [frame.evidence for frame in frames]
-            yield f"Search {number}", f"The answer is {self._answer(one)}; the truth is {truth}.", words, after
+    @property
+    def _by_chance(self) -> float:
+        return self.comparison.no_touch_baseline
+
+    def _films(self) -> list[dict[str, Any]]:
+        from experiments.search.page import story  # loads matplotlib
+
+        played = [(decider, one) for decider in self.comparison.deciders for one in self.comparison.of(decider)]
+        found = []
+        for number, row in self._ordered()[:_PICTURED]:
+            decider, one = played[number]
+            by = f" by {decider}" if len(self.comparison.deciders) > 1 else ""
+            title = f"Search {row['search']}{by}, {row['result']}: {row['answer']}; the truth: {row['target']}"
+            found.append(story(self.sensor, self.comparison.problem, title, one) | {"together": False})
+        return found
 
     def save(self, folder: Path | str) -> Path:
-        """Write the report of the comparison, with the bodies that feel alike and were still possible."""
-        report, own = self.comparison.report(folder), self.report().sections
-        return replace(report, title=self._question, sections=[*report.sections[:2], *own, *report.sections[2:]]).save(
-            Path(folder)
-        )
+        """Write the report of the comparison, with the searches one by one and the bodies that feel alike."""
+        whole, own = self.comparison.report(folder, with_searches=False), self.report().sections
+        sections = [whole.sections[0], *own[1:], *whole.sections[1:]]
+        return replace(whole, title=self._question, sections=sections).save(Path(folder))
 
 
 def stated(episode: Episode) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -18,14 +18,13 @@ from activetouch.scene import Scene
 from belief.constraints import CountOrNone, NotNegative, Within, require_rule
 from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
-from belief.observation_model.nested_bodies import NestedEvidence
 from belief.opinion import read_opinion
 from belief.problem import Touch
 from belief.table import Table
 from belief.validation import Floats
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
-from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
+from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, result_of, solids_of
 from experiments.meshes.setting import model_of, plan_of, scene_of, sensor_of
 from experiments.parallel import Shared, run_tasks
 from experiments.report import Picture, Report, Section
@@ -71,23 +70,25 @@ class Identified(MeshResult):
     pressed: Sequence[str] = field(default=(), kw_only=True)
     lying: Sequence[Lying | None] = field(default=(), kw_only=True)
     _kind = "objects"
-    _columns = ("body", ""), ("named", ""), ("stated", ".3f"), ("touches", "d")
+    _columns = ("result", ""), ("object", "d"), ("body", ""), ("named", ""), ("stated", ".3f"), ("touches", "d")
     _note = "{right} of {number} named rightly, {low} to {high}; stated {stated:.2f} in the mean."
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each object: its body, the named one, the stated probability, and touches."""
         return [
             {
-                "body": self._name(one.truth) if not self.pressed else self.pressed[number],
+                "result": result_of(one.is_right, one.is_certain, one.named == UNLISTED),
+                "object": number,
+                "body": self._name(one.truth) if not self.pressed else self.pressed[number - 1],
                 "named": self._name(one.named),
                 "right": one.is_right,
                 "stated": one.stated,
                 "certain": one.is_certain,
                 "touches": len(one.poses),
-                **(self._lies(number) if self.lying else {}),
+                **(self._lies(number - 1) if self.lying else {}),
                 "directions": " ".join(self.sensor.pose_labels[pose] for pose in one.poses),
             }
-            for number, one in enumerate(self.namings)
+            for number, one in enumerate(self.namings, 1)
         ]
 
     def _lies(self, number: int) -> dict[str, float | None]:
@@ -99,7 +100,7 @@ class Identified(MeshResult):
 
     def table(self) -> Table:
         """The rows, and how many are right; where answers are certain, how many of these."""
-        found, rows = super().table(), self.rows()
+        found, rows = super().table(), [row for _, row in self._ordered()]
         if known := [one for one in self.lying if one is not None]:
             off, within = (np.array([getattr(one, name) for one in known]) for name in _ANGLES_OF)
             held = np.mean([one.after[-1].credible().contains(one.body.orientation) for one in known])
@@ -143,21 +144,58 @@ class Identified(MeshResult):
         own = [Section("How they lie", [said], [], pictures)] if pictures else []
         return replace(found, sections=[*found.sections, *own])
 
-    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
-        for number, one in enumerate(self.namings[:_PICTURED], 1):
-            right = "rightly" if one.is_right else f"wrongly: it is {self._name(one.truth)}"
-            end = f"named {self._name(one.named)} with probability {one.stated:.3f}, {right}"
-            sides = [f"side {self.sensor.pose_labels[pose]}" for pose in one.poses]
-            evidence, after = model_of(self.sensor).start(), list[NestedEvidence]()
-            for touch in one.touches:
-                evidence = evidence.update(touch)
-                after.append(evidence)
-            yield f"Object {number}", f"After {len(one.poses)} touches {end}.", sides, after
+    @property
+    def _answered(self) -> str:
+        return "objects are named rightly"
+
+    @property
+    def _by_chance(self) -> float:
+        return 1.0 / len(self.sensor.shape_labels)
+
+    def _films(self) -> list[dict[str, Any]]:
+        return [self._film(number, row) for number, row in self._ordered()[:_PICTURED]]
+
+    def _film(self, number: int, row: dict[str, Any]) -> dict[str, Any]:
+        """The touches of an object, in the form of ``film.html``."""
+        from experiments.search.page import Drawn, brightest  # loads matplotlib
+
+        one, lies = self.namings[number], self.lying[number] if self.lying else None
+        true, body = self._name(one.truth), None if lies is None else lies.body
+        scale, evidence, panels = brightest([touch.image for touch in one.touches]), model_of(self.sensor).start(), []
+        drawn = Drawn(self.sensor, scale)
+        for count, touch in enumerate(one.touches, 1):
+            evidence = evidence.update(touch)
+            probs = evidence.belief.probs if one.log_probs is None else np.exp(one.log_probs[count - 1], dtype=float)
+            bodies = drawn.bodies_of(evidence, probs, touch.pose, true, body)
+            side, labels = self.sensor.pose_labels[touch.pose], self.sensor.shape_labels
+            bars = [(label, float(probs[labels.index(label)]), label == true, uri) for label, uri in bodies.items()]
+            panels.append(
+                {
+                    "heading": "",
+                    "action": f"touch {side}",
+                    "words": f"Touch {count}, side {side}",
+                    "seen": [*drawn.felt(touch.image), *drawn.predicted(evidence, probs, touch.pose)],
+                    "objects": (),
+                    "now": 0,
+                    "bars": [*bars, (NONE_OF_THESE, max(0.0, 1.0 - float(probs.sum())), true == NONE_OF_THESE, None)],
+                    "scores": {},
+                }
+            )
+        named = f"named {row['named']} with probability {row['stated']:.2f}"
+        return {
+            "title": f"Object {row['object']}, {row['result']}: {named}; it is {row['body']}",
+            "success": row["result"] == "right",
+            "panels": panels,
+            "scale": scale,
+            "longest_label": max(map(len, self.sensor.shape_labels)),
+            "start": len(panels) - 1,
+            "together": False,
+        }
 
 
 def _lying_picture(sensor: TactileSensor, number: int, lies: Lying) -> Picture:
     """How an object is believed to lie after each touch, and the outline of the true body."""
-    from experiments.search.replay_figures import Bodies, coloured
+    from activetouch.view import Bodies, coloured
 
     bodies = Bodies.of(sensor)
     assert bodies is not None, "the belief is about one body"

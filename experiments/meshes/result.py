@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import textwrap
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 import tyro
@@ -21,11 +21,9 @@ from activetouch.solids.solid import Shape
 from belief.constraints import Positive, Probability, Share
 from belief.errors import InvalidArgument
 from belief.files import claim_folder
-from belief.naming import index_of
-from belief.observation_model.nested_bodies import NestedEvidence
+from belief.naming import NONE_OF_THESE, index_of
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular, ends
-from belief.validation import Floats
 from experiments.command_line.arguments import Cluster, Jobs, OnCluster, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
@@ -40,15 +38,19 @@ from experiments.parallel import default_jobs
 from experiments.report import Report, Reported, Section
 from experiments.scene_choice import SceneChoice
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 Bodies: TypeAlias = Path | str | Sequence[Path | str] | Mapping[str, Shape]
 """A folder of mesh files, mesh files, or solids by label."""
 UNLISTED_SHARE = 0.05
 """Usual prior probability that an object is none of the bodies."""
 _MOST_TWINS = 20  # that are printed
-_SHOWN, _PROBABLE = 5, 0.01  # bodies in a picture: at most, and their least probability
+RESULTS = ("wrong", "unsure", NONE_OF_THESE, "right")
+"""What becomes of an object or a search; what needs a look comes first."""
+_IN_WORDS = {"wrong": "wrong", "unsure": "unsure", NONE_OF_THESE: "rightly none of these"}
+_LEGEND = (
+    "What needs a look comes first. Beside the image that was felt: what the two most probable bodies would feel like. "
+    "Bodies are averaged over the ways in which they may still lie; the ring is where the pad meets them, fainter on "
+    "the far side. The true body is orange."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,17 +66,46 @@ class MeshResult(Tabular, Reported):
 
     @abstractmethod
     def rows(self) -> list[dict[str, Any]]:
-        """One row for each search or object, with the keys ``right``, ``stated`` and ``touches``, and those shown."""
+        """One row for each search or object, with the keys ``right``, ``stated`` and ``touches``, and those shown.
+
+        The key ``result`` is one of :data:`RESULTS`.
+        """
+
+    def _ordered(self) -> list[tuple[int, dict[str, Any]]]:
+        """Numbers of the rows, from 0, and the rows: what needs a look comes first."""
+        return sorted(enumerate(self.rows()), key=lambda found: RESULTS.index(found[1]["result"]))
 
     def table(self) -> Table:
-        """The rows, and how many are right."""
-        rows = self.rows()
+        """The rows, those that need a look first, and how many are right."""
+        rows = [row for _, row in self._ordered()]
         right = sum(row["right"] for row in rows)
         low, high = ends(*wilson_interval(right, len(rows)), ".2f")
         stated, spent = np.mean([(row["stated"], row["touches"]) for row in rows], axis=0)
         note = self._note.format(right=right, number=len(rows), low=low, high=high, stated=stated, spent=spent)
         cells = [tuple(row[name] for name, _ in self._columns) for row in rows]
         return Table(self._title, self._columns, cells, note, self._kind)
+
+    def answer(self) -> str:
+        """How many answers are right, in plain words, and with how many touches."""
+        rows = self.rows()
+        count = Counter(row["result"] for row in rows)
+        right, touches = sum(row["right"] for row in rows), np.mean([row["touches"] for row in rows])
+        shares = [f"{n} {'is' if n == 1 else 'are'} {words}" for name, words in _IN_WORDS.items() if (n := count[name])]
+        doubt = f" {', '.join(shares)}." if shares else ""
+        return (
+            f"{right} of {len(rows)} {self._answered}, with {touches:.1f} touches on average; a guess without a touch "
+            f"is right in {100 * self._by_chance:.0f} %.{doubt}"
+        )
+
+    @property
+    @abstractmethod
+    def _answered(self) -> str:
+        """What is right in how many cases, in words."""
+
+    @property
+    @abstractmethod
+    def _by_chance(self) -> float:
+        """How often the best guess without a touch is right."""
 
     @property
     @abstractmethod
@@ -87,48 +118,31 @@ class MeshResult(Tabular, Reported):
         """Title of the report."""
 
     @abstractmethod
-    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
-        """Title, end, touches in words and evidence after each, for every object or search with pictures."""
+    def _films(self) -> list[dict[str, Any]]:
+        """Some objects or searches, what needs a look first, in the form of ``film.html``."""
 
     def __str__(self) -> str:
         return "\n\n".join([*self.left_out, *map(str, self.twins), super().__str__()])
 
+    def _repr_html_(self) -> str:
+        """The answer and the table, for a notebook."""
+        return f"<p>{escape(self.answer())}</p>{super()._repr_html_()}"
+
     def report(self) -> Report:
-        """The table, and the bodies that were still possible after each touch."""
+        """The answer, the table, touches one by one, and bodies that feel alike."""
         alike = [f"{twin}." for twin in self.twins] or ["No two bodies feel nearly alike."]
-        sections = [Section(self._kind.capitalize(), [], [self.table()]), Section("Bodies that feel alike", alike)]
+        sections = [Section("", [self.answer()]), Section(self._kind.capitalize(), [], [self.table()])]
+        sections.append(Section("Touch by touch", [_LEGEND], films=self._films()))
+        sections.append(Section("Bodies that feel alike", alike))
         sections += [Section("Files that were left out", self.left_out)] if self.left_out else []
-        sections += [
-            Section(title, [end], [], _pictures(self.sensor, title, touches, evidence))
-            for title, end, touches, evidence in self._shown()
-        ]
         return Report(self._question, sections)
 
 
-def _pictures(
-    sensor: TactileSensor, title: str, touches: Sequence[str], evidence: Sequence[NestedEvidence]
-) -> list[Any]:
-    """The bodies that are possible after each touch, as they lie in the mean; none where no body stands out."""
-    from experiments.report import Picture
-    from experiments.search.replay_figures import Bodies, coloured
-
-    bodies = Bodies.of(sensor)
-    assert bodies is not None, "the belief is about one body"
-
-    def draw(axes: Axes, label: str, prob: float, picture: Floats) -> None:
-        axes.imshow(coloured(picture, prob), origin="lower")
-        axes.set_title(f"{textwrap.fill(label, 18)}\n{prob:.2f}", fontsize=7)
-        axes.set_axis_off()
-
-    name = title.lower().replace(" ", "")
-    found = []
-    for number, (said, after) in enumerate(zip(touches, evidence, strict=True), 1):
-        probs = after.belief.probs
-        shown = bodies.likeliest(after, probs, min(_SHOWN, int((probs >= _PROBABLE).sum())))
-        parts = [partial(draw, label=label, prob=prob, picture=picture) for label, prob, picture in shown]
-        words = f"After touch {number}: {said}."
-        found += [Picture(f"{name}-touch{number}", words, parts, size=(1.3, 1.5), is_file=False)] if parts else []
-    return found
+def result_of(is_right: bool, is_certain: bool, is_none: bool) -> str:
+    """Which of :data:`RESULTS` an answer is."""
+    if not is_certain:
+        return "unsure"
+    return "wrong" if not is_right else "none of these" if is_none else "right"
 
 
 @dataclass(frozen=True, kw_only=True)

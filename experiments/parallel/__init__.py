@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import os
 import pickle
 import re
@@ -56,6 +57,8 @@ def default_jobs() -> int:
 
 SECONDS_PER_LINE = 60.0
 """Time between two lines about the progress where there is no terminal."""
+SECONDS_PER_PICTURE = 0.3
+"""Time between two pictures of a bar in a notebook."""
 
 
 def time_left(row: Row) -> str:
@@ -82,7 +85,10 @@ class _TimeLeft(ProgressColumn):
 
 
 class _Progress(Progress):
-    """A progress bar; where there is no terminal, a line about every minute says how far its tasks are."""
+    """A progress bar, in a notebook without widgets; elsewhere a line about every minute says how far its tasks are."""
+
+    _cell: Any = None  # what a notebook shows below the cell
+    _shown = 0.0
 
     def add_task(
         self,
@@ -98,15 +104,49 @@ class _Progress(Progress):
 
     def start(self) -> None:
         """Show the bar, or begin to print lines."""
-        super().start()
         self._ended = threading.Event()
-        if not (self.console.is_terminal or self.console.is_jupyter):
+        if self.console.is_jupyter:
+            return
+        super().start()
+        if not self.console.is_terminal:
             threading.Thread(target=self._print_lines, name="progress", daemon=True).start()
 
     def stop(self) -> None:
         """Show the bar a last time."""
         self._ended.set()
-        super().stop()
+        if self.console.is_jupyter:
+            self._show()
+        else:
+            super().stop()
+
+    def update(self, task_id: TaskID, **changes: Any) -> None:
+        """Change a task."""
+        super().update(task_id, **changes)
+        self._show_sometimes()
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        """Advance a task."""
+        super().advance(task_id, advance)
+        self._show_sometimes()
+
+    def _show_sometimes(self) -> None:
+        if self.console.is_jupyter and time.monotonic() - self._shown > SECONDS_PER_PICTURE:
+            self._show()
+
+    def _show(self) -> None:
+        """Show the bar below the cell of a notebook."""
+        from IPython.display import HTML, display
+
+        bars = "".join(
+            f"<div>{html.escape(row.description)} <progress value='{row.completed}' max='{row.total or 1}'></progress> "
+            f"{int(row.completed)}/{int(row.total or 0)}, {_clock(row.elapsed or 0.0)}, left {time_left(row)}</div>"
+            for row in self.tasks
+        )
+        self._shown = time.monotonic()
+        if self._cell is None:
+            self._cell = display(HTML(bars), display_id=True)
+        else:
+            self._cell.update(HTML(bars))
 
     def _print_lines(self) -> None:
         while not self._ended.wait(SECONDS_PER_LINE):

@@ -17,6 +17,7 @@ from belief.errors import UnknownName
 from belief.files import claim_folder, ends_claims, write_text
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import GOAL
+from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, check_arguments
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
@@ -108,7 +109,7 @@ class TrainPPO:
 
 
 @dataclass(frozen=True)
-class TrainedPolicies:
+class TrainedPolicies(Tabular):
     """The best policy of each state and target, its seed, and the scores of every seed on test objects.
 
     The target of a policy for all targets is :data:`~experiments.ppo.training.ALL`.
@@ -117,6 +118,14 @@ class TrainedPolicies:
     policies: Mapping[tuple[str, str], Policy]
     scores: Mapping[tuple[str, str], Sequence[Score]]
     chosen: Mapping[tuple[str, str], int]
+
+    def table(self) -> Table:
+        """Scores of the policies that were chosen."""
+        scores = [self.scores[key][seed] for key, seed in self.chosen.items()]
+        numbers = [(found.mean_return, found.success, found.touches) for found in scores]
+        rows = [(*key, *some, seed) for (key, seed), some in zip(self.chosen.items(), numbers, strict=True)]
+        columns = ["state", ("target", ""), ("return", ".3f"), ("success", ".3f"), ("touches", ".2f"), ("seed", "d")]
+        return Table("Policies on test objects", columns, rows)
 
     def __str__(self) -> str:
         lines = []

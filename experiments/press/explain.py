@@ -16,7 +16,7 @@ from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief.composition import Composition
-from belief.table import Table
+from belief.table import Table, Tabular
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import ALIKE, near_twins
@@ -28,7 +28,7 @@ _MOST_PAIRS = 12  # of shapes that feel alike, in a list
 
 
 @dataclass(frozen=True)
-class Explanation:
+class Explanation(Tabular):
     """Parts of a scene's model, and remarks on belief, similar shapes and times; prints as a table and sentences."""
 
     name: str

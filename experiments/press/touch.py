@@ -140,7 +140,7 @@ class TouchCommand:
 
     def _press(self, scene: Scene, shape: str, pose: str) -> None:
         """Press objects, and draw or animate that."""
-        from activetouch.view.picture import press_motion, press_picture
+        from activetouch.view import press_motion, press_picture
 
         if scene.pad.layout is not None:
             return self._taxels(scene, shape, pose)
@@ -161,7 +161,7 @@ class TouchCommand:
 
     def _taxels(self, scene: Scene, shape: str, pose: str) -> None:
         """Press an object on a described pad; draw and print what its taxels read."""
-        from activetouch.view.picture import press_picture
+        from activetouch.view import press_picture
         from experiments.press.figures import draw_taxels
 
         if self.all or self.view is not None or self.csv is not None:
@@ -183,7 +183,7 @@ class TouchCommand:
 
     def _grasp(self, scene: Scene, shape: str, pose: str, menagerie: Path | None) -> None:
         """Close the hand, or the Allegro hand of a copy of Menagerie, and draw or animate it."""
-        from activetouch.view.picture import cast_rays, write_motion
+        from activetouch.view import cast_rays, write_motion
         from experiments.press.figures import draw_grasp
 
         gripper, grasp, states = close_hand(scene, shape, pose, self.seed, menagerie)

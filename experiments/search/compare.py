@@ -113,8 +113,8 @@ class Compare:
             asked, recorded = self._names(), Compare.from_config(self.config)._names()
             Trust(self.config, everything=self.trust).require(name for name in recorded if name in asked)
         comparison = self.play()
-        _say([comparison], comparison.verdict(), self.setting.choice.left_out)
-        print(f"report: {comparison.save(self.folder)}")  # whose figures take seconds
+        _say([comparison], comparison.answer(), self.setting.choice.left_out)
+        print(f"report, with all differences and intervals: {comparison.save(self.folder)}")
 
     def _in_a_tray(self) -> None:
         """Searches among objects in a tray, whose actions are places: those of ``activetouch drawer``."""

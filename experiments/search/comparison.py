@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,10 +27,18 @@ from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Trust, check_arguments
 from experiments.parallel import ENGINE, default_jobs
 from experiments.scene_choice import SceneChoice
-from experiments.search.play import CompositionName, FullInformation, Searches, Setting, identity_of, prepare
+from experiments.search.play import (
+    FULL_INFORMATION,
+    CompositionName,
+    FullInformation,
+    Searches,
+    Setting,
+    identity_of,
+    prepare,
+)
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.summary import ALL, Summary
-from experiments.search.verdict import results_table, terminal_table, verdict_sentences
+from experiments.search.verdict import answer_sentences, results_table, terminal_table, verdict_sentences
 from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider
 from planners.fingerprint import files_digest
@@ -58,6 +67,10 @@ class Comparison(Summary, Tabular):
     def __repr__(self) -> str:
         return str(self)
 
+    def _repr_html_(self) -> str:
+        """The answer and the table, for a notebook."""
+        return "".join(f"<p>{escape(sentence)}</p>" for sentence in self.answer()) + super()._repr_html_()
+
     def rows(self) -> list[dict[str, Any]]:
         """Results by decider and target, unrounded, and by decider over all targets: ``pandas.DataFrame`` takes them.
 
@@ -71,7 +84,11 @@ class Comparison(Summary, Tabular):
         return self.table().without(["ms/touch"]).latex()
 
     def plot(self, axes: Axes, name: str = "success") -> None:
-        """Draw ``success``, by target, or ``frontier``, against touches, on an axis of matplotlib, in its style."""
+        """Draw a figure on an axis of matplotlib, in its style.
+
+        ``answer``: searches that are right and touches, by decider; ``success``: failures by target; ``frontier``:
+        failures against touches.
+        """
         from experiments.search.page import FIGURES  # loads matplotlib
 
         if name not in FIGURES:
@@ -90,16 +107,20 @@ class Comparison(Summary, Tabular):
         problem = Setting.from_dict(arguments.get("setting"), Trust(Path(folder), everything=trust)).problem
         return _computed(problem, held, held.latest(problem.shape_labels), arguments.get("reference"), seed)
 
+    def answer(self) -> list[str]:
+        """Sentences: how often each decider is right, with how many touches, which is best, and why the others fail."""
+        return answer_sentences(self)
+
     def verdict(self) -> list[str]:
-        """Sentences: which decider is best, which differences are significant, and whether stated confidence holds."""
+        """The answer, then sentences on differences and their significance, and whether stated confidence holds."""
         return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``; return the path of the page."""
         return self.report(folder).save(Path(folder))
 
-    def report(self, folder: str | Path) -> Report:
-        """The report for a folder, into which the searches are written; see :meth:`save`."""
+    def report(self, folder: str | Path, with_searches: bool = True) -> Report:
+        """The report for a folder, into which the searches are written, with some to step through; see :meth:`save`."""
         from experiments.search.page import report_of  # loads matplotlib
 
         if self.run is None:
@@ -107,7 +128,7 @@ class Comparison(Summary, Tabular):
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
             written.finish(self.run.searches.identity, self.run.arguments, self.run.lines())
-        return report_of(written, self, self.run.searches, self.verdict())
+        return report_of(written, self, self.run.searches, with_searches)
 
 
 def compare(
@@ -306,7 +327,7 @@ def prepared(
             world = sensor.certified_world(problem, chosen, signed.decider, made[name], known)
             made[f"certified {name}"] = signed.wrap(made[name], world)
     if full_information:
-        made["full information"] = FullInformation()
+        made[FULL_INFORMATION] = FullInformation()
     arguments = {
         "deciders": list(players),
         "reference": reference,

@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 import io
-from collections import Counter
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 from PIL import Image
 
 from activetouch import TactileSensor
-from activetouch.poses import Placement
-from activetouch.view.picture import press_picture
+from activetouch.view import Bodies, coloured, press_picture
 from belief.files import atomic_path
 from belief.naming import shape_name
-from belief.problem import Confirm, Probe, Reject, SearchProblem
-from belief.seeding import touch_rng
+from belief.problem import SearchProblem
 from experiments.parallel import progress_bar
-from experiments.search.play import Frame, body_words, replay, shown_shapes
-from experiments.search.replay_figures import Bodies, coloured
+from experiments.search.play import APPROACH, Moment, moments, shown_shapes
 from planners import Episode
 
-MOST_PICTURES = 200
-_APPROACH = (-0.016, -0.009, -0.003)
-"""Depths of an object on its way to the pad [m]."""
-_WAITING = _APPROACH[0]
-_MOVING, _TOUCHED, _DECIDED, _ENDED = 120, 1500, 1700, 5000
-"""How long pictures of each kind are shown [ms]."""
 _SIZE, _DPI = (8.6, 3.9), 100
 _SHAPES = 4  # whose bodies are drawn, and objects that have room for words
 
@@ -53,84 +40,6 @@ class Theme:
 
 LIGHT = Theme("#ffffff", "#eef1f6", "#1f2328", "#7d8590", "#1a7f5a", "#c0540a")
 DARK = Theme("#0d1117", "#414b58", "#e6edf3", "#8b949e", "#3fb98f", "#f0883e")
-
-
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """One picture of a film.
-
-    Attributes:
-        placement: the object in front of the pad; of a hand, in front of its first finger.
-        depth: of the object in the pad [m]; negative on its way there.
-        frame: the step of the search.
-        image: tactile image of the last touch of this object; None before the first.
-        evidence: about its body from its touches; None for models that are not of one body.
-        probs: belief about its shape.
-        states: of each object: "", "rejected" or "found", or "wrong" for a confirmed one of another shape.
-        words: description of the action.
-        milliseconds: how long the picture is shown.
-    """
-
-    placement: Placement
-    depth: float
-    frame: Frame
-    image: NDArray[np.uint8] | None
-    evidence: Any
-    probs: NDArray[np.float64]
-    states: tuple[str, ...]
-    words: str
-    milliseconds: int
-
-
-def moments(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Moment]:
-    """The pictures of a search in order, at most :data:`MOST_PICTURES`; without approaches where these are too many."""
-    found = list(_moments(sensor, problem, episode, _APPROACH))
-    if len(found) > MOST_PICTURES:
-        found = list(_moments(sensor, problem, episode, ()))
-    kept = np.unique(np.linspace(0, len(found) - 1, min(len(found), MOST_PICTURES)).round().astype(int))
-    return [found[index] for index in kept]
-
-
-def _moments(
-    sensor: TactileSensor, problem: SearchProblem, episode: Episode, approach: Sequence[float]
-) -> Iterator[Moment]:
-    nothing = sensor.model.start()
-    start = getattr(nothing, "nominal", nothing) if sensor.model.reads == "embeddings" else None
-    uses: Counter[tuple[int, int]] = Counter()
-    states = [""] * problem.num_objects
-    target, current, num_touches = problem.shape_labels[episode.target], -1, 0
-    for frame in replay(sensor, problem, episode):
-        step = frame.step
-        index, action, probs = step.object_index, step.decision.action, step.belief.probs
-        if index != current:
-            image, evidence, depth, current = None, start, _WAITING, index
-            placement = sensor.scene.place(frame.body, 0, touch_rng(episode.seed, index, 0, 0))
-        name, milliseconds = f"Object {index + 1}", _DECIDED
-        if isinstance(action, Probe):
-            words, milliseconds = f"{name}, touch {num_touches + 1}", _TOUCHED
-            if frame.image is None:
-                words = f"{name}: nothing is felt in pose {problem.pose_labels[action.pose]}"
-            else:
-                rng = touch_rng(episode.seed, index, action.pose, uses[index, action.pose])
-                uses[index, action.pose] += 1
-                pressed = sensor.scene.press(frame.body, action.pose, rng)
-                placement, depth = pressed.placement, pressed.contact.depth
-                for away in approach:
-                    yield Moment(placement, away, frame, image, evidence, probs, tuple(states), words, _MOVING)
-                image, evidence, probs, num_touches = frame.image, frame.evidence, frame.posterior, num_touches + 1
-        elif isinstance(action, Reject):
-            states[index] = "rejected"
-            words = f"{name} is no {target}: rejected" + ", wrongly" * (frame.shape == episode.target)
-        elif isinstance(action, Confirm):
-            is_right = frame.shape == episode.target
-            states[index], truth = "found" if is_right else "wrong", body_words(problem.shape_labels, frame.shape)
-            ends = f"found with {num_touches} touches" if is_right else f"wrong, it is {truth}"
-            words = f"{name} is the {target} (probability {probs[episode.target]:.3f}): {ends}"
-        else:
-            words = f"{name}: I do not know, after {num_touches} touches"
-        is_last = step is episode.steps[-1]
-        milliseconds = _ENDED if is_last else milliseconds
-        yield Moment(placement, depth, frame, image, evidence, probs, tuple(states), words, milliseconds)
 
 
 class Film:
@@ -231,7 +140,7 @@ def write_film(
     sensor: TactileSensor, problem: SearchProblem, episode: Episode, path: Path, theme: Theme = LIGHT
 ) -> None:
     """Write a search as an animated picture, in a file that ends in .webp or .gif."""
-    shown, film = moments(sensor, problem, episode), Film(sensor, problem, episode.target, theme)
+    shown, film = moments(sensor, problem, episode, APPROACH), Film(sensor, problem, episode.target, theme)
     with progress_bar() as progress:
         first, *rest = progress.track(map(film.draw, shown), len(shown), description=f"drawing → {path}")
     durations = [moment.milliseconds for moment in shown]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
-from activetouch.poses import WorldObject
+from activetouch.poses import Placement, WorldObject
 from activetouch.scene_description import scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, other_reader, reader_file
 from activetouch.world import TouchTime, touch_many
@@ -44,6 +44,8 @@ from planners.search import TouchRequest
 
 CompositionName: TypeAlias = Literal["distinct", "independent", "at_most_one"]
 """Name of a :class:`belief.Composition`."""
+FULL_INFORMATION = "full information"
+"""Name of :class:`FullInformation` in reports."""
 _MOST_SHAPES = 12  # in a picture of a belief
 
 
@@ -356,3 +358,94 @@ def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> l
         frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, about))
         evidence = nothing if isinstance(step.decision.action, Reject) else evidence
     return frames
+
+
+MOST_PICTURES = 200
+APPROACH = (-0.016, -0.009, -0.003)
+"""Depths of an object on its way to the pad [m]."""
+_WAITING = APPROACH[0]
+_MOVING, _TOUCHED, _DECIDED, _ENDED = 120, 1500, 1700, 5000
+"""How long pictures of each kind are shown [ms]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One picture of a search.
+
+    Attributes:
+        placement: the object in front of the pad; of a hand, in front of its first finger.
+        depth: of the object in the pad [m]; negative on its way there.
+        frame: the step of the search.
+        image: tactile image of the last touch of this object; None before the first.
+        evidence: about its body from its touches; None for models that are not of one body.
+        probs: belief about its shape.
+        states: of each object: "", "rejected" or "found", or "wrong" for a confirmed one of another shape.
+        words: description of the action.
+        milliseconds: how long the picture is shown.
+    """
+
+    placement: Placement
+    depth: float
+    frame: Frame
+    image: NDArray[np.uint8] | None
+    evidence: Any
+    probs: NDArray[np.float64]
+    states: tuple[str, ...]
+    words: str
+    milliseconds: int
+
+
+def moments(
+    sensor: TactileSensor, problem: SearchProblem, episode: Episode, approach: Sequence[float] = ()
+) -> list[Moment]:
+    """The pictures of a search in order, at most :data:`MOST_PICTURES`: one for each step, and those of ``approach``.
+
+    Approaches are left out where these are too many.
+    """
+    found = list(_moments(sensor, problem, episode, approach))
+    if len(found) > MOST_PICTURES:
+        found = list(_moments(sensor, problem, episode, ()))
+    kept = np.unique(np.linspace(0, len(found) - 1, min(len(found), MOST_PICTURES)).round().astype(int))
+    return [found[index] for index in kept]
+
+
+def _moments(
+    sensor: TactileSensor, problem: SearchProblem, episode: Episode, approach: Sequence[float]
+) -> Iterator[Moment]:
+    nothing = sensor.model.start()
+    start = getattr(nothing, "nominal", nothing) if sensor.model.reads == "embeddings" else None
+    uses: Counter[tuple[int, int]] = Counter()
+    states = [""] * problem.num_objects
+    target, current, num_touches = problem.shape_labels[episode.target], -1, 0
+    for frame in replay(sensor, problem, episode):
+        step = frame.step
+        index, action, probs = step.object_index, step.decision.action, step.belief.probs
+        if index != current:
+            image, evidence, depth, current = None, start, _WAITING, index
+            placement = sensor.scene.place(frame.body, 0, touch_rng(episode.seed, index, 0, 0))
+        name, milliseconds = f"Object {index + 1}", _DECIDED
+        if isinstance(action, Probe):
+            words, milliseconds = f"{name}, touch {num_touches + 1}", _TOUCHED
+            if frame.image is None:
+                words = f"{name}: nothing is felt in pose {problem.pose_labels[action.pose]}"
+            else:
+                rng = touch_rng(episode.seed, index, action.pose, uses[index, action.pose])
+                uses[index, action.pose] += 1
+                pressed = sensor.scene.press(frame.body, action.pose, rng)
+                placement, depth = pressed.placement, pressed.contact.depth
+                for away in approach:
+                    yield Moment(placement, away, frame, image, evidence, probs, tuple(states), words, _MOVING)
+                image, evidence, probs, num_touches = frame.image, frame.evidence, frame.posterior, num_touches + 1
+        elif isinstance(action, Reject):
+            states[index] = "rejected"
+            words = f"{name} is no {target}: rejected" + ", wrongly" * (frame.shape == episode.target)
+        elif isinstance(action, Confirm):
+            is_right = frame.shape == episode.target
+            states[index], truth = "found" if is_right else "wrong", body_words(problem.shape_labels, frame.shape)
+            ends = f"found with {num_touches} touches" if is_right else f"wrong, it is {truth}"
+            words = f"{name} is the {target} (probability {probs[episode.target]:.3f}): {ends}"
+        else:
+            words = f"{name}: I do not know, after {num_touches} touches"
+        is_last = step is episode.steps[-1]
+        milliseconds = _ENDED if is_last else milliseconds
+        yield Moment(placement, depth, frame, image, evidence, probs, tuple(states), words, milliseconds)

@@ -51,8 +51,9 @@ class Replay:
         is_film = self.out.suffix.lower() in (".webp", ".gif")
         if self.dark and not is_film:
             raise BadArgument("--dark is the ground of an animation; add --out FILE.webp or FILE.gif")
+        from activetouch.view import Bodies
         from experiments.search.play import replay
-        from experiments.search.replay_figures import Bodies, draw_search
+        from experiments.search.replay_figures import draw_search
 
         require_writable_file(self.out)
         run = RunFolder(self.folder).read_run()

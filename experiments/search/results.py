@@ -64,9 +64,15 @@ class ResultsComparison(Reported):
     beyond_controls: Mapping[Key, tuple[float, MeanInterval]]
 
     def verdict(self) -> list[str]:
-        """Sentences: what was paired, which differences are significant, and what a control changes."""
-        number = len({task for task, _ in self.keys})
-        said = [f"{len(self.keys)} episodes are in all files, of {number} task{'s'[: number > 1]}."]
+        """Sentences: how often each policy succeeds, what was paired, what is significant, what a control changes."""
+        number, policies = (
+            len({task for task, _ in self.keys}),
+            [n for n in self.success if n not in {*self.control.values()}],
+        )
+        best, *others = sorted(policies, key=lambda name: -self.success[name].sum())
+        rest = "".join(f"; {name} in {self.success[name].sum()}" for name in others)
+        said = [f"{best} succeeds in {self.success[best].sum()} of {len(self.keys)} episodes{rest}."]
+        said.append(f"{len(self.keys)} episodes are in all files, of {number} task{'s'[: number > 1]}.")
         said += [
             f"{number} episodes of {name} are not in all others; left out."
             for name, number in self.left_out.items()

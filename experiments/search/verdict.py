@@ -1,21 +1,37 @@
-"""Verdict and tables of a comparison: who is best or tied, significant differences, and searches still needed."""
+"""Verdict and tables of a comparison: how often each decider is right and how fast, why it fails, what is significant.
+
+The answer comes first, in plain words; returns, intervals, tests and bootstraps are details.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter, defaultdict
 from collections.abc import Sequence
-from statistics import fmean
+from statistics import fmean, median
+from typing import NamedTuple
 
 from belief.metrics.calibration_at_stop import StopScore
+from belief.problem import Confirm, Reject
 from belief.statistics.comparison import LEVEL, POWER
 from belief.table import Table, Value, ends, interval
+from experiments.search.play import FULL_INFORMATION
 from experiments.search.summary import ALL, Cell, Difference, Summary
-from planners.one_touch import one_touch_bound
+from planners import Episode, Outcome
+from planners.episode import judged
+from planners.solve import one_touch_bound
 
 LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
 ENOUGH = 20
 """Least number of searches after which a decider is called the best; resamples of fewer are too much alike."""
+_ROLES = {
+    "threshold": ", the paper's rule,",
+    "random_confirm": ", which guesses,",
+    FULL_INFORMATION: ", which touches all objects in all poses,",
+}
+_MOST_NAMED, _MOST_REASONS = 6, 3  # deciders in the answer, and reasons of failures of each
+_PROBABLE, _POSSIBLE = 0.5, 0.05  # probabilities of the target at a wrong decision
 
 
 def tied(comparison: Summary) -> list[str]:
@@ -36,19 +52,142 @@ def by_return(comparison: Summary) -> list[str]:
 
 
 def verdict_sentences(comparison: Summary) -> list[str]:
-    """Sentences on the best decider, on the differences from the reference, and on stated confidence."""
+    """The answer, then its details."""
+    return [*answer_sentences(comparison), *detail_sentences(comparison)]
+
+
+def answer_sentences(comparison: Summary) -> list[str]:
+    """Sentences in plain words: how often each decider is right and with how many touches, and why others fail.
+
+    Also who is surer, or less sure, than it should be.
+    """
+    names = called(comparison)
+    reasons = [failure_sentence(names[name], comparison.of(name)) for name in by_return(comparison)]
+    return [_answer(comparison), *filter(None, reasons), *_miscalibrated(comparison)]
+
+
+def called(comparison: Summary) -> dict[str, str]:
+    """Deciders by name as text calls them: without settings, if no other is called so."""
+    short = {name: name.partition("(")[0] for name in comparison.deciders}
+    number = Counter(short.values())
+    return {name: word if number[word] == 1 else name for name, word in short.items()}
+
+
+def detail_sentences(comparison: Summary) -> list[str]:
+    """Sentences on returns, bounds, differences from the reference and their significance, and stated confidence."""
     sentences = [_best(comparison), _frame(comparison)]
     sentences += [
         f"{success_sentence(name, comparison.reference, found, len(comparison.targets))}. "
         f"{_touches(name, found, comparison)}"
         for name, found in comparison.differences.items()
     ]
-    sentences += _calibration(comparison)
+    sentences += _calibrated(comparison)
     if comparison.is_selective:
         sentences += [_unsure(name, comparison.cells[name, ALL]) for name in comparison.deciders]
     if comparison.pressed_again:
         sentences.append(f"{comparison.pressed_again} presses did not settle and were repeated.")
     return sentences
+
+
+def _answer(comparison: Summary) -> str:
+    """How often each decider is right and with how many touches, the best first, and whether there is a best one."""
+    words, small, number = called(comparison), is_small(comparison), len(comparison.of(comparison.reference))
+    ranked = {name: comparison.cells[name, ALL] for name in by_return(comparison)}
+    best, *_ = ranked
+    equals = [best] if small else [name for name in ranked if name in tied(comparison)]
+    in_words = [f"{words[name]}{_ROLES.get(words[name], '')}" for name in ranked]
+    told = [f" in {_told(cell)}" for cell in ranked.values()]
+    listed = [f"{who}{share}" for who, share in zip(in_words, told, strict=True)]
+    is_there = all(one.target in one.arrangement for one in comparison.of(best))
+    subject, ends = in_words[0], ""
+    if len(equals) > 1:
+        ends = f": as far as {number} searches tell, they are equally good"
+    elif len(ranked) > 1 and not small:
+        is_most = ranked[best].successes == max(cell.successes for cell in ranked.values())
+        cost = "" if is_most else f", where a touch costs {comparison.problem.touch_cost:g} of a success"
+        subject = f"{words[best]} is best{cost}: it"
+    found = "found the target in" if is_there else "is right in"
+    sentences = [f"{subject} {found} {_told(ranked[best], in_full=True)}{_listed(listed[1 : len(equals)])}{ends}"]
+    if (next_best := len(equals)) < len(ranked):
+        verb = "found it" if is_there else "is right"
+        sentences.append(f"{in_words[next_best]} {verb}{told[next_best]}{_listed(listed[next_best + 1 :])}")
+    sentences.append(f"The best guess without a touch is right in {100 * comparison.no_touch_baseline:.0f} %")
+    if small and len(ranked) > 1:
+        sentences.append(f"To call a decider the best takes at least {ENOUGH} searches")
+    return f"{'. '.join(sentences)}."
+
+
+def _listed(told: Sequence[str]) -> str:
+    """What is told of each decider, to follow another one; of many, the first ones and the last."""
+    shown = [f"; {one}" for one in told]
+    if len(shown) > _MOST_NAMED:
+        shown = [*shown[: _MOST_NAMED - 1], f"; {len(shown) - _MOST_NAMED} more", shown[-1]]
+    return "".join(shown)
+
+
+def _told(cell: Cell, in_full: bool = False) -> str:
+    """Successes and touches in words: all 100 searches, with 3.8 touches on average."""
+    share = f"{cell.successes} of {cell.num_episodes}" if in_full else f"{cell.successes}"
+    if cell.successes in (0, cell.num_episodes) and cell.num_episodes > 1:
+        share = f"all {cell.num_episodes}" if cell.successes else f"none{f' of {cell.num_episodes}' * in_full}"
+    touches = f"with {cell.touches:.1f}{' touches on average' * in_full}" if cell.touches else "without a touch"
+    return f"{share}{' searches' * in_full}, {touches}"
+
+
+def failure_sentence(name: str, episodes: Sequence[Episode]) -> str:
+    """Why a decider failed, the most frequent reason first; empty if it never failed, or does not go by touches."""
+    failed = [episode for episode in judged(episodes) if not episode.success]
+    if not failed or name == FULL_INFORMATION or not any(episode.num_touches for episode in episodes):
+        return ""
+    by_words = defaultdict[str, list[Failure]](list)
+    for failure in map(why_failed, failed):
+        by_words[failure.words].append(failure)
+    groups = sorted(by_words.values(), key=len, reverse=True)
+    told = []
+    for found in groups[:_MOST_REASONS]:
+        prob, touches = median(one.prob for one in found), median(one.touches for one in found)
+        touched = f"{touches:g} touch{'es' * (touches != 1)} of it, probability {prob:.2f}"
+        numbers = f" ({'median: ' * (len(found) > 1)}{touched})" if touches else ""
+        told.append(f"{f'in {len(found)} ' * (len(groups) > 1)}it {found[0].words}{numbers}")
+    rest = sum(map(len, groups[_MOST_REASONS:]))
+    return f"Why {name} fails in {len(failed)}: {'; '.join(told)}{f'; {rest} have other reasons' * (rest > 0)}."
+
+
+class Failure(NamedTuple):
+    """The first wrong step of a search: in words, the probability of the target there, and touches of that object."""
+
+    words: str
+    prob: float
+    touches: int
+
+
+def why_failed(episode: Episode) -> Failure:
+    """The first wrong step of a search that failed; what follows a rejected target is its consequence.
+
+    The probability is that of the belief from all touches, which a decider need not go by.
+    """
+    touched = Counter[int]()
+    for step in episode.steps:
+        action, here = step.decision.action, episode.arrangement[step.object_index] == episode.target
+        prob, touches = float(step.belief.probs[episode.target]), touched[step.object_index]
+        touched[step.object_index] += step.touch is not None
+        is_probable, is_possible = prob >= _PROBABLE, prob >= _POSSIBLE
+        if isinstance(action, Reject) and here:
+            if not touches:
+                return Failure("passed the target over without touching it", prob, touches)
+            if is_probable:
+                return Failure("gave the target up although all touches together make it probable", prob, touches)
+            if is_possible:
+                return Failure("gave the target up while it was still possible", prob, touches)
+            return Failure("was misled: the touches of the target speak against it", prob, touches)
+        if isinstance(action, Confirm):
+            if not touches:
+                return Failure("confirmed another object without touching it", prob, touches)
+            if is_probable:
+                return Failure("was misled: the touches of another object speak for it", prob, touches)
+            return Failure("confirmed another object although touches do not make it probable", prob, touches)
+    words = {Outcome.UNSURE: "answered “I do not know”", Outcome.TRUNCATED: "used up its touches before an answer"}
+    return Failure(words.get(episode.outcome, "rejected every object"), prob, touches)
 
 
 def _best(comparison: Summary) -> str:
@@ -150,8 +289,8 @@ def is_calibrated(score: StopScore) -> str:
     return "overconfident" if score.mean_stated > score.high else "underconfident"
 
 
-def _calibration(comparison: Summary) -> list[str]:
-    """Sentences on the agreement of stated confidence and fraction correct, for each decider."""
+def _calibrated(comparison: Summary) -> list[str]:
+    """Sentences on deciders whose stated confidence agrees with success, or confirm too seldom to say."""
     scores = {name: found.overall for name, found in comparison.calibration.items() if found is not None}
     words = {name: is_calibrated(score) for name, score in scores.items()}
     sentences = []
@@ -159,14 +298,19 @@ def _calibration(comparison: Summary) -> list[str]:
         sentences.append(f"No disagreement between stated confidence and success was found for {_and(kept)}.")
     if few := [f"{name} ({scores[name].count})" for name, word in words.items() if word == "too few"]:
         sentences.append(f"There are too few confirmations to judge the stated confidence of {_and(few)}.")
-    for name, score in scores.items():
-        if not score.is_consistent:
-            stated = _share(score.mean_stated)
-            sentences.append(
-                f"{name} is {words[name]} when confirming: its mean stated confidence is {stated}, and it is right in "
-                f"{_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
-            )
     return sentences
+
+
+def _miscalibrated(comparison: Summary) -> list[str]:
+    """Sentences on deciders whose stated confidence disagrees with their success."""
+    scores = {name: found.overall for name, found in comparison.calibration.items() if found is not None}
+    return [
+        f"{called(comparison)[name]} is {is_calibrated(score)} when confirming: its mean stated confidence is "
+        f"{_share(score.mean_stated)}, "
+        f"and it is right in {_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
+        for name, score in scores.items()
+        if not score.is_consistent
+    ]
 
 
 def _unsure(name: str, cell: Cell) -> str:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from activetouch import RecordedSensor, TactileSensor
+from activetouch.view import Bodies, coloured
 from belief.files import require_writable_file
-from experiments.search.replay_figures import Bodies, coloured
 from planners import Session
 
 

@@ -33,5 +33,5 @@ for (const story of document.querySelectorAll(".story")) {
     const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (by && event.target !== slider) show(+slider.value + by);
   };
-  show(0);
+  show(+story.dataset.start, true);
 }

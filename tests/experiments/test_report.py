@@ -44,8 +44,10 @@ def test_every_part_of_a_report_is_on_the_page_and_in_its_files(tmp_path):
 
 
 def test_films_bring_their_buttons_and_other_pages_have_none():
-    panel = {"heading": "object 1", "action": "touch", "picture": None, "bars": [("cone", 1.0, True)], "scores": {}}
+    told = {"heading": "object 1", "action": "touch", "words": "Object 1, touch 1", "scores": {}}
+    panel = told | {"seen": [], "objects": ["", "rejected"], "now": 0, "bars": [("cone", 1.0, True, None)]}
     film = {"title": "a search", "success": True, "panels": [panel], "scale": None, "longest_label": 4}
+    film |= {"start": 0, "together": True}
     with_film = Report("t", [Section("One search", films=[film])]).html()
     without = Report("t", [Section("One search")]).html()
     assert "Step through a search" in with_film

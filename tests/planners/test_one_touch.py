@@ -5,8 +5,7 @@ import pytest
 
 from belief import Counts, SearchProblem
 from belief.seeding import sample_arrangement
-from planners.one_touch import one_touch_bound
-from planners.solve import solve
+from planners.solve import one_touch_bound, solve
 from planners.touch_problem import SearchTouchProblem
 
 SHAPES = ("sphere", "cube", "cone")

@@ -29,12 +29,13 @@ from belief import Probe, Reject, SceneBelief, SearchProblem
 from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import sealed_json, unsealed_json
-from belief.naming import UNLISTED
+from belief.naming import NONE_OF_THESE, UNLISTED
 from experiments.cli import REGISTRY
 from experiments.meshes import setting as setting_module
 from experiments.meshes.find import Find, find, stated
-from experiments.meshes.identify import Identify, identify
+from experiments.meshes.identify import Identified, Identify, identify
 from experiments.meshes.near_twins import MOST, near_twins
+from experiments.meshes.result import RESULTS, result_of
 from experiments.meshes.setting import (
     cost_words,
     read_folder,
@@ -49,6 +50,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.certify import certify
 from planners import Outcome
 from planners.certified import NotCertified
+from planners.search import Identification
 
 RULES = {"num_objects": 3, "composition": "at_most_one"}
 PLAN, FEW, EFFORT = ViewPlan(12, 4), ViewPlan(4, 4), Effort()
@@ -205,9 +207,25 @@ def test_bodies_are_named_and_the_report_shows_those_that_are_possible(folder, t
     page = found.save(tmp_path / "report").read_text()
     assert "broken.obj is left out: there are no triangles" in page
     assert "broken.obj is left out: there are no triangles" in str(found)
-    assert page.count("After touch") >= 4
+    assert page.count("expected of ") >= 2 * sum(row["touches"] for row in rows)  # each name is a caption and a text
+    assert len([*re.finditer(r'<section class="story"', page)]) == 4
     assert "feel nearly alike" in page
     assert len((tmp_path / "report" / "objects.csv").read_text().splitlines()) == 5
+
+
+def test_what_needs_a_look_comes_first(sensor):
+    kinds = [(True, True, False), (True, False, False), (True, True, True), (False, True, False), (True, True, False)]
+    assert [result_of(*kind) for kind in kinds] == ["right", "unsure", NONE_OF_THESE, "wrong", "right"]
+    named = [(0, 0, True), (0, 0, False), (UNLISTED, UNLISTED, True), (0, 1, True), (1, 1, True)]
+    namings = [Identification(truth, name, 0.9, (0, 1), certain) for truth, name, certain in named]
+    found = Identified(sensor, [], namings)
+    rows = [row[:2] for row in found.table().rows]
+    assert rows == [("wrong", 4), ("unsure", 2), (NONE_OF_THESE, 3), ("right", 1), ("right", 5)]
+    assert [row["object"] for row in found.rows()] == [1, 2, 3, 4, 5]
+    assert found.answer() == (
+        "4 of 5 objects are named rightly, with 2.0 touches on average; a guess without a touch is right in 25 %. "
+        "1 is wrong, 1 is unsure, 1 is rightly none of these."
+    )
 
 
 @pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
@@ -220,7 +238,11 @@ def test_a_search_says_where_the_target_is_or_that_it_is_not_there(folder, tmp_p
         assert ("cube" in row["objects"].split()) == (row["target"] != "not there")
     assert sum(row["right"] for row in found.rows()) >= 4
     assert "answers are right" in str(found)
-    assert found.save(tmp_path).exists()
+    assert f"{sum(row['right'] for row in found.rows())} of 6 searches are answered rightly" in found.answer()
+    page = found.save(tmp_path).read_text()
+    assert page.count('<section class="story"') == 3  # its own, in place of that of compare
+    shown = re.findall(r"Search \d, (wrong|unsure|right):", page)
+    assert shown[::2] == sorted((row["result"] for row in found.rows()), key=RESULTS.index)[:3]
     usual = find(
         folder, "cube", num_searches=1, threshold=0.3, jobs=1, plan=PLAN, levels=(0, 1), look=GLANCE, pressed=4
     )

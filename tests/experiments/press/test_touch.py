@@ -10,8 +10,8 @@ import pytest
 import trimesh
 from PIL import Image, ImageSequence
 
+from activetouch import view
 from activetouch.pressing.contact import Phase
-from activetouch.view import picture
 from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.press.touch import LOG_COLUMNS, TouchCommand, press_new_object
@@ -104,7 +104,7 @@ def test_a_log_has_every_time_step_of_the_cycles_of_an_object(scene, fidelity, t
 
 
 def test_a_grasp_and_its_motion_are_drawn(tmp_path, monkeypatch):
-    monkeypatch.setattr(picture, "_FRAME", (32, 24))
+    monkeypatch.setattr(view, "_FRAME", (32, 24))
     choice = SceneChoice("coarse", hand="parallel")
     TouchCommand(choice, shape="cube", out=tmp_path / "grasp.png").run()
     TouchCommand(choice, shape="cube", view=tmp_path / "grasp.gif").run()
@@ -120,7 +120,7 @@ def test_a_grasp_and_its_motion_are_drawn(tmp_path, monkeypatch):
 
 
 def test_the_whole_world_of_the_paper_is_drawn_and_its_arm_brings_the_hand(tmp_path, monkeypatch):
-    monkeypatch.setattr(picture, "_FRAME", (32, 24))
+    monkeypatch.setattr(view, "_FRAME", (32, 24))
     full = SceneChoice("paper", full=True, robot="panda_allegro", menagerie=MENAGERIE)
     TouchCommand(full, view=tmp_path / "full.gif").run()
     with Image.open(tmp_path / "full.gif") as motion:

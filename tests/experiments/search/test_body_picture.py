@@ -6,10 +6,10 @@ import pytest
 from activetouch.distributions import quaternions
 from activetouch.poses import WorldObject, turn
 from activetouch.shapes import SHAPES
+from activetouch.view import Bodies
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.outcome_mixture import log_means
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
-from experiments.search.replay_figures import Bodies
 
 N = 512
 BODIES = Bodies(SHAPES, [quaternions(N)], np.ones(N))

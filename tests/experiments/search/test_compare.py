@@ -114,12 +114,12 @@ def test_the_report_is_one_file_that_needs_nothing_else(page):
     html = page.read_text()
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)""", html)
     assert not re.search(r"url\((?!#)|@import|<link|<script src|http-equiv=.refresh", html)
-    assert html.count("<svg") == 2
+    assert html.count("<svg") == 3
     assert html.count("data:image/png") >= 4
     assert "no-touch baseline succeeds in 0.250" in html
     assert len(html) < 5_000_000
     ids = re.findall(r'<[^>]* id="([^"]+)"', html)
-    assert len(ids) == len(set(ids))  # of both figures
+    assert len(ids) == len(set(ids))  # of all figures
 
 
 def test_a_paper_gets_figures_in_its_style_and_tables_from_the_folder_alone(finished, page, tmp_path):
@@ -129,7 +129,7 @@ def test_a_paper_gets_figures_in_its_style_and_tables_from_the_folder_alone(fini
     style = tmp_path / "thesis.mplstyle"
     style.write_text("figure.figsize: 2, 3\nsavefig.dpi: 50\n")
     Export(folder=folder, out=tmp_path / "paper", style=str(style), format="svg").run()
-    for name in ("success", "frontier"):
+    for name in ("answer", "success", "frontier"):
         assert "<svg" in (text := (tmp_path / "paper" / f"{name}.svg").read_text())
         assert 'viewBox="0 0 144 216"' in text  # points
     assert (tmp_path / "paper" / "table.tex").read_text() == comparison.to_latex() + "\n"

@@ -7,14 +7,16 @@ import pytest
 from PIL import Image
 from scipy.special import logsumexp
 
+from activetouch.view import Bodies
 from belief.problem import Confirm
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.search import film
+from experiments.search import play as play_module
 from experiments.search.comparison import prepared
-from experiments.search.play import Setting, play_episodes, replay
+from experiments.search.play import APPROACH, Setting, moments, play_episodes, replay
 from experiments.search.replay import NoSuchEpisode, Replay
-from experiments.search.replay_figures import Bodies, draw_search
+from experiments.search.replay_figures import draw_search
 from experiments.search.run import read_episode
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
@@ -106,15 +108,15 @@ def test_every_kind_of_search_has_pictures_that_say_what_happens(setting, monkey
     monkeypatch.setattr(film, "_DPI", 30)
     found = prepared(setting, "threshold", jobs=1)
     [episode], searches = play(found, [3]), found.searches
-    shown = film.moments(searches.sensor, searches.problem, episode)
+    shown = moments(searches.sensor, searches.problem, episode, APPROACH)
     drawing = film.Film(searches.sensor, searches.problem, episode.target, film.LIGHT)
     assert drawing.draw(shown[0]).size == drawing.draw(shown[-1]).size == (258, 117)
     is_confirmed = isinstance(episode.steps[-1].decision.action, Confirm)
     ended = shown[-1].states[episode.steps[-1].object_index]
     assert ended == ("rejected" if not is_confirmed else "found" if episode.success else "wrong")
     assert shown[-1].probs == pytest.approx(episode.steps[-1].belief.probs)
-    monkeypatch.setattr(film, "MOST_PICTURES", 3)
-    few = film.moments(searches.sensor, searches.problem, episode)
+    monkeypatch.setattr(play_module, "MOST_PICTURES", 3)
+    few = moments(searches.sensor, searches.problem, episode, APPROACH)
     assert len(few) <= 3
     assert few[-1].words == shown[-1].words
 

@@ -82,6 +82,7 @@ def test_subtracting_controls_changes_the_sign_where_the_policies_fail_without_a
     assert before_and_after["family 0"] == pytest.approx((7 / 40, -1 / 40))
     assert before_and_after["family 3"] == pytest.approx((-3 / 40, -11 / 40))
     said = found.verdict()
+    assert said[0] == "strong succeeds in 142 of 160 episodes; weak in 124."
     assert "the sign of strong minus weak in 3 of 4 tasks." in said[-1]
     assert any(one.startswith("weak fails in 4 of 4 tasks; minus weak clean it is no worse in 0") for one in said)
     assert any(one.startswith("strong succeeds significantly less often than strong clean") for one in said)
@@ -110,7 +111,7 @@ def test_files_of_lerobot_are_read_in_both_forms(tmp_path):
     new = compare_results([tmp_path / "eval_info.json"])
     assert new.keys == [("libero 0", "0"), ("libero 0", "1"), ("libero 1", "0"), ("libero 1", "1")]
     assert new.success["eval_info"].tolist() == [True, False, True, False]
-    assert "Without seeds in eval_info, episodes are paired by their number" in new.verdict()[1]
+    assert "Without seeds in eval_info, episodes are paired by their number" in new.verdict()[2]
     with pytest.raises(BadArgument, match="no episode of the same task and seed"):
         compare_results([tmp_path / "eval_info.json", tmp_path / "old" / "eval_info.json"])
     (tmp_path / "some.json").write_text(json.dumps({"per_episode": [old[0], old[1] | {"seed": None}]}))

@@ -14,9 +14,17 @@ from belief.statistics.comparison import episodes_for_success
 from belief.table import Table
 from experiments.meshes.find import Found
 from experiments.meshes.identify import Identified
+from experiments.search.page import shown_searches
 from experiments.search.play import Seconds
 from experiments.search.summary import ALL, Summary, calibration_of_confirmations, prob_best, summarise
-from experiments.search.verdict import comparison_tables, terminal_table, verdict_sentences
+from experiments.search.verdict import (
+    answer_sentences,
+    comparison_tables,
+    failure_sentence,
+    terminal_table,
+    verdict_sentences,
+    why_failed,
+)
 from planners import Decision, Episode, Outcome, Step
 
 PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1)
@@ -133,6 +141,76 @@ def test_a_clear_result_is_called_settled(rng):
     assert "No disagreement between stated confidence and success was found for good." in told
     told = verdict_sentences(compared({"x": [search("tc", claim=0.99)]}, rng))
     assert told[-1] == "There are too few confirmations to judge the stated confidence of x (1)."
+
+
+def test_the_first_sentence_says_how_often_right_how_fast_and_how_much_better(rng):
+    good, misled = [search("ttc", claim=0.99)] * 40, [search("rtc", claim=0.99, arrangement=(0, 1))] * 30
+    some = {"mine": good, "threshold": misled + good[:10], "random_confirm": [search("rc")] * 40}
+    answer, *rest = answer_sentences(compared(some, rng))
+    assert answer == (
+        "mine is best: it found the target in all 40 searches, with 2.0 touches on average. threshold, the paper's "
+        "rule, found it in 10, with 1.2; random_confirm, which guesses, in none, without a touch. The best guess "
+        "without a touch is right in 50 %."
+    )
+    assert [sentence.partition(" fails")[0] for sentence in rest if sentence.startswith("Why")] == ["Why threshold"]
+    absent = [search("trtr", arrangement=(1, 1), outcome=Outcome.EXHAUSTED)] * 25
+    assert answer_sentences(compared({"mine": absent}, rng))[0].startswith("mine is right in all 25 searches, with 2.0")
+    cheap = compared({"slow": [search("tttttttc")] * 40, "fast": [search("c")] * 37 + [search("rc")] * 3}, rng)
+    assert answer_sentences(cheap)[0].startswith("fast is best, where a touch costs 0.1 of a success: it found")
+
+
+def test_of_many_deciders_the_answer_names_a_few(rng):
+    some = {f"d{n}": [search("tc")] * (40 - 3 * n) + [search("rc")] * 3 * n for n in range(12)}
+    answer = answer_sentences(compared(some, rng))[0]
+    assert answer.startswith("d0 is best")
+    assert "; 4 more; d11 in 7" in answer
+    assert "d7" not in answer
+
+
+@pytest.mark.parametrize(
+    ("failed", "words"),
+    [
+        (search("rtc"), "passed the target over without touching it"),
+        (search("trrr", claim=0.9, outcome=Outcome.EXHAUSTED), "although all touches together make it probable"),
+        (search("trc", claim=0.3), "while it was still possible"),
+        (search("trc", claim=0.01), "was misled: the touches of the target speak against it"),
+        (search("tc", arrangement=(1, 0), claim=0.9), "was misled: the touches of another object speak for it"),
+        (search("tc", arrangement=(1, 0), claim=0.1), "although touches do not make it probable"),
+        (search("c", arrangement=(1, 0)), "confirmed another object without touching it"),
+        (search("ttt", outcome=Outcome.TRUNCATED), "used up its touches before an answer"),
+        (search("tu", outcome=Outcome.UNSURE), "answered “I do not know”"),
+    ],
+)
+def test_a_failure_has_the_reason_of_its_first_wrong_step(failed, words):
+    assert not failed.success
+    assert words in why_failed(failed).words
+
+
+def test_reasons_are_counted_the_most_frequent_first():
+    some = [search("trc", claim=0.3)] * 2 + [search("ttrc", claim=0.01)] * 3 + [search("tc")] * 4
+    assert failure_sentence("mine", some) == (
+        "Why mine fails in 5: in 3 it was misled: the touches of the target speak against it (median: 2 touches of "
+        "it, probability 0.01); in 2 it gave the target up while it was still possible (median: 1 touch of it, "
+        "probability 0.30)."
+    )
+    assert failure_sentence("mine", some[5:]) == ""
+    assert failure_sentence("guesses", [search("rc")] * 3) == ""
+
+
+def test_the_featured_search_is_one_in_which_deciders_differ_in_success(rng):
+    good = [search("tttc", number=n) for n in range(4)]
+    bad = [search("tttttttc", number=0), search("ttrc", number=1), search("trc", number=2), search("rtc", number=3)]
+    shown = shown_searches(compared({"bad": bad, "good": good}, rng))
+    assert [(name, one.seed[-1], bool(one.success)) for name, one in shown.searches] == [
+        ("good", 2, True),
+        ("bad", 2, False),
+    ]
+    assert "bad fails, for its most frequent reason there: it gave the target up" in shown.why
+    same = shown_searches(compared({"bad": bad[:1], "good": good[:1]}, rng))
+    assert {one.num_touches for _, one in same.searches} == {3, 7}
+    assert shown_searches(compared({"guess": [search("c")]}, rng)) is None
+    [(_, alone)] = shown_searches(compared({"bad": bad}, rng)).searches
+    assert alone.seed[-1] == 1  # the longest failure
 
 
 @pytest.mark.parametrize("number", [1, 2, 19])
@@ -268,6 +346,7 @@ def test_unsure_searches_are_counted_priced_and_shown(rng):
 @pytest.mark.parametrize("kind", [Found, Identified])
 def test_the_interval_of_a_thousand_right_answers_is_no_point_below_the_table(kind, monkeypatch):
     row = dict.fromkeys((name for name, _ in kind._columns), 1) | {
+        "result": "right",
         "right": 1,
         "stated": 0.99,
         "touches": 2,

@@ -6,7 +6,7 @@ import pytest
 from activetouch import SHAPES
 from activetouch.poses import Placement, turn
 from activetouch.pressing.contact import Pad
-from activetouch.view.picture import press_picture
+from activetouch.view import press_picture
 
 pytestmark = pytest.mark.mujoco
 ORANGE, DARK = (0.9, 0.45, 0.1), (0.15, 0.16, 0.2)
