@@ -63,7 +63,7 @@ class TouchWorld:
         objects: in order of visit.
 
     Attributes:
-        last_image: of the last press, ``(H, W)`` or ``(H, W, 3)``; None before the first.
+        last_image: of the last press of the current object, ``(H, W)`` or ``(H, W, 3)``; None before the first.
     """
 
     def __init__(self, sensor: Presses, objects: Sequence[WorldObject]) -> None:
@@ -140,7 +140,7 @@ class TouchWorld:
         """Put the current object aside and bring the next."""
         if self._current + 1 == len(self._objects):
             raise IndexError(f"there is no object after the last of {len(self._objects)}")
-        self._current, self._moved = self._current + 1, None
+        self._current, self._moved, self.last_image = self._current + 1, None, None
 
     def reset(self) -> None:
         """Bring the first object."""

@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import weakref
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -103,7 +104,7 @@ class ProcessAgent:
         if wish.state:
             seen = observation(info, wish.state, wish.sees_target, wish.touch_limit)
             request["observation"] = seen.tolist()
-        return self._decision(running.answer(request), info, wish)
+        return self._decision(running.answer(request, _PATIENCE), info, wish)
 
     def _decision(self, given: Mapping[str, Any], info: InformationState, wish: _Wish) -> Decision:
         action, problem = given.get("action"), info.problem
@@ -186,7 +187,7 @@ class _Running:
             self._wish = wish
         return self._wish
 
-    def answer(self, request: Mapping[str, Any], patience: float = _PATIENCE) -> dict[str, Any]:
+    def answer(self, request: Mapping[str, Any], patience: float) -> dict[str, Any]:
         """The answer to a line; the program is killed if it takes too long."""
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None, "it is a pipe"
@@ -215,14 +216,22 @@ class _Running:
         return given
 
 
-@lru_cache(maxsize=8)
 def _running(agent: ProcessAgent) -> _Running:
-    """The program of an agent, started once in each process."""
+    """The program of an agent, started once in each process and working folder."""
+    return _started(agent, os.getcwd())
+
+
+@lru_cache(maxsize=8)
+def _started(agent: ProcessAgent, folder: str) -> _Running:
     return _Running(agent)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     process.kill()
+    for stream in (process.stdin, process.stdout):
+        with suppress(OSError):  # of what it did not read
+            if stream is not None:
+                stream.close()
     process.wait()
 
 

@@ -323,25 +323,18 @@ def _of_task(task: str, seeds: str, entries: Sequence[Entry], rng: np.random.Gen
         assert found is not None, "it was read"
         mean, *ends = paired_bootstrap(one.reward, np.zeros(len(one.reward)), rng)
         right, number = int(one.success.sum()), len(one.success)
-        decisions = sum(len(search.actions) for search in found.searches)
-        share = own[name].replayed / number
-        rows.append(
-            (
-                *(name, letter, number, right / number, wilson_interval(right, number), float(one.touches.mean())),
-                *(mean, (ends[0], ends[1]), bound - mean, 1e3 * found.seconds.decision / decisions, share),
-                "; ".join(own[name].notes) or "–",
-            )
-        )
+        ms = 1e3 * found.seconds.decision / sum(len(search.actions) for search in found.searches)
+        rates = (right / number, wilson_interval(right, number), float(one.touches.mean()))
+        rows.append((name, letter, *rates, mean, (ends[0], ends[1]), bound - mean, ms))
     yield Table(
-        f"Task {task}, {'development seeds' if seeds == DEVELOPMENT else f'hidden seeds {seeds[:12]}'}",
+        f"{task}, {number} searches, {'development seeds' if seeds == DEVELOPMENT else f'hidden seeds {seeds[:12]}'}",
         [
-            *("agent", ("group", ""), ("searches", "d"), ("success", ".3f"), ("95 %", ".3f"), ("touches", ".2f")),
-            *(("return", ".3f"), ("95 %", ".3f", "return_95"), ("below bound", ".3f"), ("ms/decision", ".2f")),
-            *(("replayed", ".2f"), ("note", "")),
+            *("agent", ("", ""), ("success", ".3f"), ("95 %", ".2f"), ("touches", ".2f")),
+            *(("return", ".3f"), ("95 % ", ".2f"), ("to bound", ".3f"), ("ms", ".1f")),
         ],
         rows,
-        "Agents that share a letter cannot be told apart by their returns on the same searches. No agent with any "
-        f"sensor returns more than {bound:.3f} on average. Times are as each file states them.",
+        "Agents that share a letter cannot be told apart by their returns on the same searches. To bound: no agent "
+        f"with any sensor returns more than {bound:.3f} on average. ms: for a decision, as each file states it.",
         f"{task}_results",
     )
     best, *others = letters
@@ -350,11 +343,12 @@ def _of_task(task: str, seeds: str, entries: Sequence[Entry], rng: np.random.Gen
         yield Table(
             f"Difference from {best} on the same searches",
             [
-                *("agent", ("success", "+.3f"), ("95 %", "+.3f"), ("only this succeeds", "d"), ("only the other", "d")),
-                *(("p", ".2g"), ("touches", "+.2f"), ("95 %", "+.2f"), ("return", "+.3f"), ("95 %", "+.3f")),
+                *("agent", ("success", "+.3f"), ("95 %", "+.2f"), ("won", "d"), ("lost", "d"), ("p", ".2g")),
+                *(("touches", "+.2f"), ("95 % ", "+.2f"), ("return", "+.3f"), ("95 %  ", "+.2f")),
             ],
             [(name, *_without_needed(found.cells)) for (name, _), found in beside.items()],
-            "Means with 95 % bootstrap intervals over pairs. p: McNemar's test (mid-p), corrected by Holm.",
+            "Means with 95 % bootstrap intervals over pairs. Won: only this one succeeds; lost: only the other. "
+            "p: McNemar's test (mid-p), corrected by Holm.",
             f"{task}_differences",
         )
 
@@ -362,3 +356,13 @@ def _of_task(task: str, seeds: str, entries: Sequence[Entry], rng: np.random.Gen
 def _without_needed(cells: Sequence[Value]) -> Sequence[Value]:
     """Cells of a difference without the number of searches that it would need."""
     return [*cells[:5], *cells[6:]]
+
+
+def remarks(entries: Sequence[Entry]) -> list[str]:
+    """A line on each file: how many of its searches were played again, and what else is to be said."""
+    read = [(entry, len(entry.submission.searches)) for entry in entries if entry.submission is not None]
+    return [
+        "; ".join([f"{entry.path}: {entry.replayed} of {number} searches played again", *entry.notes])
+        for entry, number in read
+        if not entry.faults
+    ]

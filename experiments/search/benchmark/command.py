@@ -14,7 +14,7 @@ from belief.table import Table
 from experiments.command_line.arguments import BadArgument, Jobs, check_arguments
 from experiments.parallel import default_jobs
 from experiments.search.benchmark.cards import Card
-from experiments.search.benchmark.checking import check, tables
+from experiments.search.benchmark.checking import check, remarks, tables
 from experiments.search.benchmark.hidden import HiddenSeeds
 from experiments.search.benchmark.submission import (
     DEVELOPMENT,
@@ -82,7 +82,7 @@ class Benchmark:
             if self.agent is not None:
                 raise BadArgument("--agent plays and --check checks: one at a time")
             entries = check(self.check, self.share, hidden, self.jobs)
-            print(*tables(entries), sep="\n\n")
+            print(*tables(entries), *remarks(entries), sep="\n\n")
             if refused := [str(entry.path) for entry in entries if entry.faults]:
                 raise Refused(f"{len(refused)} of {len(entries)} files refused: {', '.join(refused)}")
         elif self.agent is not None:

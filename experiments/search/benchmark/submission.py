@@ -35,7 +35,7 @@ FORMAT = 1
 DEVELOPMENT = "development"
 """What a header says of the seeds that a card names; of hidden ones it says the digest of their file."""
 _MOST_COMPRESSED, _MOST_BYTES, _LONGEST_TEXT = 8 << 20, 64 << 20, 400
-_DIGITS = 6  # of stated probabilities
+_DIGITS, _HEX = 6, 16  # of stated probabilities, and of digests of touches
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Played:
                 felt.update(np.asarray(read, np.float64).tobytes())
         probs = (min(float(step.belief.probs[episode.target]), 1.0) for step in episode.steps)
         stated = tuple(round(prob, _DIGITS) for prob in probs)
-        return cls(tuple(actions), stated, felt.hexdigest(), episode.outcome.value, bool(episode.success))
+        return cls(tuple(actions), stated, felt.hexdigest()[:_HEX], episode.outcome.value, bool(episode.success))
 
     @property
     def num_touches(self) -> int:
