@@ -21,6 +21,7 @@ from experiments.search.comparison import prepared
 from experiments.search.play import EPISODES_PER_BATCH, Setting
 from experiments.search.run import Run
 from planners import Decider
+from planners.fingerprint import files_digest
 from planners.one_touch import one_touch_bound
 
 TASKS = Path(__file__).parent / "tasks"
@@ -98,10 +99,11 @@ class Card(Checked):
         Raises:
             BadArgument: this installation has another sensor than the task.
         """
-        run = prepared(self.rules, deciders, targets=self.targets, episodes=self.episodes, seed=self.seed, jobs=jobs)
-        if (found := run.searches.sensor_sha256) != self.sensor_sha256:
+        found = files_digest(self.rules.sensor_files(self.rules.scene))
+        if found != self.sensor_sha256:
             raise BadArgument(
                 f"the task {self.name} is that of the sensor {self.sensor_sha256[:12]}, this version of activetouch "
                 f"has {found[:12]}: play it with the version that made the task, or another task"
             )
+        run = prepared(self.rules, deciders, targets=self.targets, episodes=self.episodes, seed=self.seed, jobs=jobs)
         return run if seed is None else replace(run, searches=replace(run.searches, seed=seed))

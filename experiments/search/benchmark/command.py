@@ -95,12 +95,13 @@ class Benchmark:
         require_writable_file(self.out)
         if len(self.words) > 300 or not self.words.isprintable():
             raise BadArgument("--words is one line of at most 300 characters")
-        player: Decider | str = agent.removeprefix(_DECIDER)
+        name = agent.removeprefix(_DECIDER)
+        player: Decider | str = name
         if agent.startswith(_FOLDER):
-            player = ProcessAgent.of_folder(Path(agent.removeprefix(_FOLDER)))
+            player = ProcessAgent.of_folder(folder := Path(agent.removeprefix(_FOLDER)))
+            name = f"{_FOLDER}{folder.resolve().name}"
             if not is_without_network():
                 print("this machine has no unshare: the agent keeps its network", file=sys.stderr)
-        name = agent.removeprefix(_DECIDER)
         run = card.run({name: player}, self.jobs, None if hidden is None else hidden.seed(card))
         started = time.perf_counter()
         run.play(self.jobs)

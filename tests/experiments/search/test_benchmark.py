@@ -24,6 +24,7 @@ from planners.process_agent import COMMAND_FILE, ProcessAgent, is_without_networ
 
 pytestmark = pytest.mark.mujoco
 EXAMPLES = Path(__file__).parents[3] / "examples" / "benchmark"
+RECORDS = Path(__file__).parents[3] / "records" / "submissions"
 CARELESS = "information_gain(confirm=0.6, reject=0.4)"  # which fails now and then
 DIGESTS = {  # of the content of each card: a change of a task is another name
     "bodies-v1": "d712eae0c5921c9d84f55d9deabebc5c204880af4103098da5141920d41e1e21",
@@ -63,6 +64,16 @@ def test_a_task_does_not_change_under_its_name():
     for card in Card.every():
         assert card.name.rpartition("-v")[2].isdigit()
         assert set(card.sought) <= set(card.problem.shape_labels)
+
+
+SUBMITTED = [path for path in RECORDS.glob("*/*.gz") if path.parent.name != "bodies-v1"]  # whose sensor takes minutes
+
+
+@pytest.mark.parametrize("path", SUBMITTED, ids=lambda path: f"{path.parent.name}-{path.name}")
+def test_a_committed_file_passes(path):
+    [entry] = check([path], share=0.05, jobs=1)
+    assert entry.faults == ()
+    assert entry.submission.header.task == path.parent.name
 
 
 def test_a_task_of_another_sensor_is_not_played(small):
@@ -161,6 +172,7 @@ def forgeries(honest, rng):
         yield "times", found.header, batches
 
 
+@pytest.mark.slow
 def test_forged_files_are_refused(honest, tmp_path):
     told = list(forgeries(honest, np.random.default_rng(0)))
     paths = []
