@@ -37,6 +37,7 @@ _ROUNDED = 1e-6  # of stated probabilities, on the same kind of processor
 _ELSEWHERE, _ODD_SHARE = 0.02, 0.01  # difference on another one, and the share of searches that may differ by more
 _FASTER = 100.0  # how much faster touches can have been than here, where other programs may run
 _QUICKEST = 1e-7  # decision [s]
+_BY_CHANCE = 1e-9  # probability of so many right answers from what is stated
 _MOST_FAULTS = 5  # of a file that are listed
 _IDLE = 600.0  # that a run may take beside its searches [s]
 
@@ -128,7 +129,20 @@ def _read(path: Path, hidden: HiddenSeeds | None) -> Entry:
         return replace(entry, faults=("its searches are not those of the task, each once, in their order",))
     faults, outcomes = _followed(found, card, _seed_of(card, found, hidden))
     faults += [*_times(found), *_twice(found.searches)]
-    return replace(entry, outcomes=outcomes, faults=tuple(faults))
+    confirmed = [search for search in found.searches if search.outcome == Outcome.CONFIRMED]
+    if said := _knows_more([search for search in confirmed if not search.num_touches]):
+        faults.append(f"without a touch, it is {said}: it knows the objects")
+    notes = [f"it is {said}: it reads touches better than the sensor, or knows the objects"] * bool(
+        said := _knows_more(confirmed)
+    )
+    return replace(entry, outcomes=outcomes, faults=tuple(faults), notes=tuple(notes))
+
+
+def _knows_more(confirmed: Sequence[Played]) -> str:
+    """What is said of confirmations that are right more often than stated, by Hoeffding's bound; empty if none is."""
+    right, stated = sum(search.success for search in confirmed), sum(search.probs[-1] for search in confirmed)
+    margin = math.sqrt(len(confirmed) * math.log(1.0 / _BY_CHANCE) / 2.0)
+    return f"right in {right} of {len(confirmed)}, stated {stated:.1f}" if right > stated + margin else ""
 
 
 def _seed_of(card: Card, found: Submission, hidden: HiddenSeeds | None) -> int:

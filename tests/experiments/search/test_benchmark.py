@@ -16,10 +16,19 @@ from belief.errors import ActiveTouchError, BrokenContract, UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.search.benchmark import cards, hidden
 from experiments.search.benchmark.cards import Card
-from experiments.search.benchmark.checking import check, groups, tables
+from experiments.search.benchmark.checking import Recorded, check, groups, tables
 from experiments.search.benchmark.command import Benchmark, Refused
 from experiments.search.benchmark.hidden import HiddenSeeds
-from experiments.search.benchmark.submission import Header, Played, PlayedBatch, Submission
+from experiments.search.benchmark.submission import (
+    DEVELOPMENT,
+    Header,
+    Played,
+    PlayedBatch,
+    Submission,
+    processor,
+)
+from experiments.search.play import play_episodes
+from planners.fingerprint import code_versions
 from planners.process_agent import COMMAND_FILE, ProcessAgent, is_without_network
 
 pytestmark = pytest.mark.mujoco
@@ -182,6 +191,34 @@ def test_forged_files_are_refused(honest, tmp_path):
     assert len(paths) >= 40
     passed = [entry.path.name for entry in check(paths, jobs=1) if not entry.faults]
     assert passed == []
+
+
+def test_an_agent_that_knows_the_objects_without_touching_them_is_found(small, tmp_path):
+    card = replace(small, name="known-v1", episodes=50)
+    (cards.TASKS / "known-v1.json").write_text(json.dumps(to_fields(card)))
+    run = card.run({"guesses": "random_confirm"}, 1)
+    labels = card.problem.shape_labels
+
+    class Knows:
+        def begin(self, world, seed):
+            place = world.arrangement.index(seed[1])
+            return Recorded({seed: ("reject",) * place + ("confirm",)}).begin(world, seed)
+
+        def decide(self, info, rng):
+            raise AssertionError("it plays episodes")
+
+    for name, decider in (("knows", Knows()), ("guesses", run.deciders["guesses"])):
+        batches = []
+        for target, numbers in card.batches():
+            episodes, seconds = play_episodes(run.searches, decider, labels.index(target), numbers)
+            batches.append(PlayedBatch(target, numbers.start, seconds, tuple(map(Played.of, episodes))))
+        about = {"agent": "mine", "seeds": DEVELOPMENT, "versions": code_versions(), "processor": processor()}
+        header = Header(1, card.name, card.digest, words="", jobs=1, elapsed=100.0, **about)
+        Submission(header, batches).save(tmp_path / f"{name}.gz")
+    knows, guesses = check([tmp_path / "knows.gz", tmp_path / "guesses.gz"], jobs=1)
+    assert ["without a touch" in fault for fault in knows.faults] == [True]
+    assert not guesses.faults
+    (cards.TASKS / "known-v1.json").unlink()
 
 
 def test_a_file_that_was_edited_without_a_new_seal_is_refused(honest, tmp_path):
