@@ -77,7 +77,7 @@ class ProcessAgent:
         """Start the program and greet it; raises BrokenContract if it does not answer."""
         _running(self).greeting(info)
 
-    def begin(self, world: Any, seed: tuple[int, ...]) -> Decider:
+    def begin(self, world: Any, key: tuple[int, ...]) -> Decider:
         """The agent in an episode, which it knows by a number that tells nothing of the seed."""
         return _InEpisode(self, world, next(_running(self).numbers))
 

@@ -51,8 +51,8 @@ class World(Protocol):
 class PlaysEpisodes(Protocol):
     """A decider that plays each episode by another one, such as a program that is told which episode it is in."""
 
-    def begin(self, world: Any, seed: tuple[int, ...]) -> Decider:
-        """The decider of an episode, in a world with this seed."""
+    def begin(self, world: Any, key: tuple[int, ...]) -> Decider:
+        """The decider of an episode in a world; the key is the seed of the episode."""
 
 
 WorldT = TypeVar("WorldT", bound=World)

@@ -27,6 +27,7 @@ def run(tmp_path, monkeypatch, few_hypotheses):
         assert of_users in text
         (tmp_path / name).write_text(text.replace(of_users, few))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # to which commands add the folder
     for name in ("pomdp_py_agent", "cleanrl_ppo", "recurrent_ppo"):
         monkeypatch.delitem(sys.modules, name, raising=False)
 

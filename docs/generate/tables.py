@@ -243,7 +243,7 @@ def benchmark(page: str) -> str:
         for name, row in found.items():
             success = interval(row["success"], row["success_low"], row["success_high"])
             returned = interval(row["return"], row["return_low"], row["return_high"])
-            cells = (row["group"], success, f"{row['touches']:.2f}", returned, f"{row['to bound']:.3f}")
+            cells = (row["group"], success, f"{row['touches']:.2f}", returned, f"{row['to_bound']:.3f}")
             rows.append(_row(f"`{card.name}`", f"`{name}`", *cells, f"{row['ms']:.1f}"))
     return _with_rows(_with_rows(page, "## Tasks", tasks), "## Scoreboard", rows)
 

@@ -1,7 +1,8 @@
-"""PPO in one file, as CleanRL writes it: torch, and many tests at once from gymnasium.make_vec.
+r"""PPO in one file, as CleanRL writes it: torch, and many tests at once from gymnasium.make_vec.
 
 Run: python cleanrl_ppo.py [STEPS]      (writes cleanrl.pt; 300 000 steps by default, about a minute)
-     activetouch compare --scene paper --sensor paper-independent --targets cone --deciders "policy:cleanrl_ppo:act(state='posterior')" threshold
+     activetouch compare --scene paper --sensor paper-independent --targets cone \
+         --deciders "policy:cleanrl_ppo:act(state='posterior')" threshold
 """
 
 import sys

@@ -66,9 +66,9 @@ class Recorded:
 
     actions: Mapping[tuple[int, ...], Sequence[int | str]]
 
-    def begin(self, world: Any, seed: tuple[int, ...]) -> Decider:
+    def begin(self, world: Any, key: tuple[int, ...]) -> Decider:
         """The decider of an episode."""
-        return _Following(self.actions[seed])
+        return _Following(self.actions[key])
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """It needs to know the episode."""
