@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from belief.errors import UnknownName
+from belief.errors import ActiveTouchError, UnknownName
 from belief.problem import Probe, SearchProblem
 from belief.search_progress import Outcome, success_of
 from belief.seeding import arrangement_rng, sample_arrangement
@@ -240,7 +240,12 @@ def _with_replay(entry: Entry, share: float, hidden: HiddenSeeds | None, jobs: i
     is_same = header.processor == processor() and header.versions.items() >= versions().items()
     is_own = is_same and header.versions.get("code") == code_versions()["code"] and header.agent in DECIDERS
     name = header.agent if is_own else "random_confirm"
-    run = card.run({name: name}, jobs, _seed_of(card, found, hidden))
+    try:
+        run = card.run({name: name}, jobs, _seed_of(card, found, hidden))
+    except ActiveTouchError as error:
+        if not is_own:
+            raise
+        return replace(entry, faults=(*faults, f"{name} does not play this task: {error}"))
     shared = Shared((run.searches, run.deciders[name] if is_own else None))
     tasks: list[Task[tuple[PlayedBatch, PlayedBatch]]] = [partial(_replayed, shared, batch) for batch in chosen]
     odd, here, there = 0, Seconds(), Seconds()

@@ -29,6 +29,7 @@ from planners.fingerprint import code_versions
 from planners.process_agent import ProcessAgent, is_without_network
 
 _DECIDER, _FOLDER = "decider:", "folder:"
+_LONGEST_WORDS = 300  # characters
 
 
 class Refused(BadArgument):
@@ -93,23 +94,43 @@ class Benchmark:
     def _play(self, agent: str, hidden: HiddenSeeds | None) -> None:
         card = Card.named(self.task)
         require_writable_file(self.out)
-        if len(self.words) > 300 or not self.words.isprintable():
-            raise BadArgument("--words is one line of at most 300 characters")
-        name = agent.removeprefix(_DECIDER)
-        player: Decider | str = name
-        if agent.startswith(_FOLDER):
-            player = ProcessAgent.of_folder(folder := Path(agent.removeprefix(_FOLDER)))
-            name = f"{_FOLDER}{folder.resolve().name}"
-            if not is_without_network():
-                print("this machine has no unshare: the agent keeps its network", file=sys.stderr)
-        run = card.run({name: player}, self.jobs, None if hidden is None else hidden.seed(card))
-        started = time.perf_counter()
-        run.play(self.jobs)
-        elapsed = time.perf_counter() - started
-        seeds = DEVELOPMENT if hidden is None else hidden.digest
-        about = (FORMAT, card.name, card.digest, name, self.words, seeds, code_versions(), processor())
-        Submission(Header(*about, self.jobs, elapsed), [*batches_of(run, name)]).save(self.out)
+        play(card, agent, self.words, hidden, self.jobs).save(self.out)
         print(*tables(check([self.out], 0.0, hidden)), f"wrote {self.out}", sep="\n\n")
+
+
+def play(
+    card: Card, agent: str, words: str = "", hidden: HiddenSeeds | None = None, jobs: int | None = None
+) -> Submission:
+    """Play all searches of a task with an agent, which is named as on the command line.
+
+    Args:
+        card: the task.
+        agent: name of the agent.
+        words: one line on it.
+        hidden: hidden seeds in place of those of the card.
+        jobs: number of processes; all cores by default.
+
+    Raises:
+        BadArgument: there is more than one line of words, or this installation has another sensor than the task.
+        BrokenContract: the agent cannot be started, or answers wrongly.
+    """
+    if len(words) > _LONGEST_WORDS or not words.isprintable():
+        raise BadArgument(f"--words is one line of at most {_LONGEST_WORDS} characters")
+    name = agent.removeprefix(_DECIDER)
+    player: Decider | str = name
+    if agent.startswith(_FOLDER):
+        player = ProcessAgent.of_folder(folder := Path(agent.removeprefix(_FOLDER)))
+        name = f"{_FOLDER}{folder.resolve().name}"
+        if not is_without_network():
+            print("this machine has no unshare: the agent keeps its network", file=sys.stderr)
+    jobs = default_jobs() if jobs is None else jobs
+    run = card.run({name: player}, jobs, None if hidden is None else hidden.seed(card))
+    started = time.perf_counter()
+    run.play(jobs)
+    elapsed = time.perf_counter() - started
+    seeds = DEVELOPMENT if hidden is None else hidden.digest
+    about = (FORMAT, card.name, card.digest, name, words, seeds, code_versions(), processor())
+    return Submission(Header(*about, jobs, elapsed), [*batches_of(run, name)])
 
 
 def listed(cards: list[Card]) -> Table:

@@ -175,6 +175,7 @@ def forgeries(honest, rng):
     yield "task", replace(found.header, task_sha256="0" * 64), found.batches
     yield "hidden", replace(found.header, seeds="0" * 64), found.batches
     yield "name", replace(found.header, agent="information_gain"), found.batches
+    yield "a name without policies", replace(found.header, agent="ppo"), found.batches
     for header in ({"elapsed": 1e-3}, {"jobs": 0}, {"elapsed": 1e6}):
         yield "time", replace(found.header, **header), found.batches
     for seconds in ({"decision": -1.0}, {"decision": 0.0}, {"num_touches": 1}, {"physics": 1e-6, "network": 1e-6}):
