@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce clean
+.PHONY: search test quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -150,6 +150,19 @@ joint-policies: development
 		--out runs/ppo-$(SCENE)-joint
 	mkdir -p activetouch/models/$(SCENE)/policies
 	cp runs/ppo-$(SCENE)-joint/policies/* activetouch/models/$(SCENE)/policies/
+
+# Files of the benchmark's scoreboard; half an hour. ppo-coarse.zip is of examples/benchmark/train_ppo.py.
+SUBMITTED = examples/benchmark && $(CURDIR)/$(BIN)/activetouch benchmark --out $(CURDIR)/records/submissions
+BASELINES = information_gain fixed_poses value_of_information point_based ppo_gains ppo_goal threshold random_confirm
+submissions: development
+	for agent in $(BASELINES); do (cd $(SUBMITTED)/coarse-v1/$$agent.jsonl.gz --agent $$agent --jobs 1) || exit 1; done
+	cd $(SUBMITTED)/coarse-v1/in_turn.jsonl.gz --agent "policy:in_turn:act(state='posterior')" --jobs 1
+	cd $(SUBMITTED)/coarse-v1/perl.jsonl.gz --agent "process:perl agent.pl" --jobs 1
+	cd examples/benchmark && $(CURDIR)/$(BIN)/python train_ppo.py
+	cd $(SUBMITTED)/coarse-v1/ppo-coarse.jsonl.gz --agent sb3:ppo-coarse.zip --jobs 1
+	for task in gel hard many paper keyed bodies; do for agent in information_gain random_confirm; do \
+		(cd $(SUBMITTED)/$$task-v1/$$agent.jsonl.gz --task $$task-v1 --agent $$agent --jobs 1) || exit 1; done; done
+	$(BIN)/python docs/generate/tables.py
 
 figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure

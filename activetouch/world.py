@@ -61,6 +61,9 @@ class TouchWorld:
     Args:
         sensor: presses and reads.
         objects: in order of visit.
+
+    Attributes:
+        last_image: of the last press of the current object, ``(H, W)`` or ``(H, W, 3)``; None before the first.
     """
 
     def __init__(self, sensor: Presses, objects: Sequence[WorldObject]) -> None:
@@ -68,6 +71,7 @@ class TouchWorld:
         self._objects = tuple(objects)
         self._current = 0
         self._moved: WorldObject | None = None  # the current object as it lies since its last touch
+        self.last_image: NDArray[np.uint8] | None = None
 
     @classmethod
     def sample(cls, sensor: Presses, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
@@ -125,6 +129,7 @@ class TouchWorld:
         pressed = scene.press(self.current, pose, rng)
         if scene.moves is not None and pressed.left is not None:
             self._moved = replace(self.current, orientation=pressed.left)
+        self.last_image = pressed.image
         return pressed.image, TouchTime(time.perf_counter() - started, 0.0, pressed.num_unsettled)
 
     def touch(self, pose: Name, rng: np.random.Generator) -> Touch:
@@ -135,11 +140,11 @@ class TouchWorld:
         """Put the current object aside and bring the next."""
         if self._current + 1 == len(self._objects):
             raise IndexError(f"there is no object after the last of {len(self._objects)}")
-        self._current, self._moved = self._current + 1, None
+        self._current, self._moved, self.last_image = self._current + 1, None, None
 
     def reset(self) -> None:
         """Bring the first object."""
-        self._current, self._moved = 0, None
+        self._current, self._moved, self.last_image = 0, None, None
 
 
 def _object_of(scene: Scene, shape: Name, rng: np.random.Generator) -> WorldObject:

@@ -46,6 +46,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "train-ppo": Command("ppo.train_ppo", "TrainPPO", "train PPO policies on a collection"),
     },
     "Evaluate": {
+        "benchmark": Command("search.benchmark.command", "Benchmark", "score an agent on a task; check submissions"),
         "certify": Command("search.certify", "Certify", "bound the error of stops at every number of touches"),
         "calibration-report": Command(
             "calibration.calibration_report", "CalibrationReport", "test the calibration of stated probabilities"

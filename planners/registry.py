@@ -39,6 +39,8 @@ PREFIX = "sb3:"
 """Prefix of the names of deciders that follow a saved policy of Stable-Baselines3."""
 POLICY = "policy:"
 """Prefix of the names of deciders that call a function from an observation to an action."""
+PROCESS = "process:"
+"""Prefix of the names of deciders that ask another program, by lines of JSON."""
 ENTRY_POINTS = "activetouch.deciders"
 """Entry-point group of deciders in installed packages."""
 
@@ -194,6 +196,9 @@ def find_decider(name: str) -> tuple[Any, Reference]:
         return _loaded("planners.other_agents:FunctionPolicy"), Reference(
             name, {"act": named.name, **named.settings}, True
         )
+    if name.startswith(PROCESS):
+        command = name.removeprefix(PROCESS)
+        return _loaded("planners.process_agent:ProcessAgent"), Reference(name, {"command": command}, True)
     found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)
     if given := [setting for setting in reference.settings if setting in _GIVEN]:
         raise BadReference(f"{name}: {given[0]} is no setting; it is passed to every decider")
@@ -202,7 +207,7 @@ def find_decider(name: str) -> tuple[Any, Reference]:
 
 def trained_state(name: str) -> str | None:
     """Key of the state of the policies that a decider follows; None if it follows none."""
-    if name.startswith((PREFIX, POLICY)):
+    if name.startswith((PREFIX, POLICY, PROCESS)):
         return None
     return TRAINED.get(Reference.parse(name).name)
 
@@ -218,8 +223,9 @@ def make_decider(
 
     Args:
         name: a key of :data:`DECIDERS`, an entry point, or ``module:attribute``; optionally with settings in brackets,
-            such as ``information_gain(confirm=0.97)``; ``sb3:PATH``, a policy that Stable-Baselines3 saved; or
-            ``policy:module:attribute``, a function from an observation to an action.
+            such as ``information_gain(confirm=0.97)``; ``sb3:PATH``, a policy that Stable-Baselines3 saved;
+            ``policy:module:attribute``, a function from an observation to an action; or ``process:COMMAND``, another
+            program (:mod:`planners.process_agent`).
         table: p(outcome | pose, shape) of single touches.
         model: the observation model, which some deciders need.
         policies: folder of trained policies, which some deciders need.

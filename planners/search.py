@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from belief.naming import UNLISTED, Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneBelief
-from belief.seeding import touch_rng
+from belief.seeding import checked_key, touch_rng
 from belief.validation import Floats
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider
 from planners.episode import Episode
@@ -45,6 +45,14 @@ class World(Protocol):
 
     def reset(self) -> None:
         """Go to the first object."""
+
+
+@runtime_checkable
+class PlaysEpisodes(Protocol):
+    """A decider that plays each episode by another one, such as a program that is told which episode it is in."""
+
+    def begin(self, world: Any, key: tuple[int, ...]) -> Decider:
+        """The decider of an episode in a world; the key is the seed of the episode."""
 
 
 WorldT = TypeVar("WorldT", bound=World)
@@ -120,7 +128,8 @@ def search_lockstep(
             raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
         world.reset()
         shape = index_of("target", labels, target)
-        session = Session(problem, decider, shape, model, seed, abstain=False, log_bets=bets)
+        player = decider.begin(world, checked_key(seed)) if isinstance(decider, PlaysEpisodes) else decider
+        session = Session(problem, player, shape, model, seed, abstain=False, log_bets=bets)
         session.arrangement = arrangement  # which may hold shapes that the problem does not know
         sessions.append(session)
     active = list(range(len(worlds)))

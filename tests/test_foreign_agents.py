@@ -21,12 +21,15 @@ def run(tmp_path, monkeypatch, few_hypotheses):
     for name, of_users, few in (
         ("sb3_ppo.py", "n_steps=256, batch_size=128", "n_steps=32, batch_size=32"),
         ("pomdp_py_agent.py", "num_sims=300", "num_sims=20"),
+        ("recurrent_ppo.py", "n_steps=128, batch_size=128", "n_steps=16, batch_size=16"),
     ):
         text = (tmp_path / name).read_text()
         assert of_users in text
         (tmp_path / name).write_text(text.replace(of_users, few))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delitem(sys.modules, "pomdp_py_agent", raising=False)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # to which commands add the folder
+    for name in ("pomdp_py_agent", "cleanrl_ppo", "recurrent_ppo"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
 
     def run(name, *words):
         monkeypatch.setattr(sys, "argv", [name, *words])
@@ -50,6 +53,19 @@ def test_ppo_and_an_agent_of_pomdp_py_play_the_same_searches(run, capsys):
     run("activetouch", "compare", *words, "--deciders", *deciders, "random_confirm")
     assert "2 live searches per decider" in " ".join(capsys.readouterr().out.split())
     assert Path("run/report.html").exists()
+
+
+@pytest.mark.torch
+@pytest.mark.mujoco
+def test_a_file_as_of_cleanrl_and_a_recurrent_policy_learn_and_play(run, capsys):
+    words = ("--targets", "cone", "--episodes", "2", "--jobs", "1")
+    run("cleanrl_ppo.py", "1")
+    cleanrl, recurrent = "policy:cleanrl_ppo:act(state='posterior')", "policy:recurrent_ppo:Agent(remembers=True)"
+    scene = ("--scene", "paper", "--sensor", "paper-independent")
+    run("activetouch", "compare", *scene, *words, "--out", "one", "--deciders", cleanrl)
+    run("recurrent_ppo.py", "1")
+    run("activetouch", "compare", "--scene", "coarse", *words, "--out", "two", "--deciders", recurrent)
+    assert " ".join(capsys.readouterr().out.split()).count("2 live searches per decider") == 2
 
 
 @pytest.mark.mujoco

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from activetouch.sensor import TactileSensor
 from activetouch.world import TouchWorld
-from belief.naming import Name
 from belief.observation_model.model import ArrayModel
 from belief.problem import Touch
 from belief.synthetic import SyntheticWorld
@@ -61,17 +60,7 @@ class LiveTouches:
 
     def world(self, arrangement: Sequence[int], rng: np.random.Generator) -> TouchWorld:
         """See :class:`Touches`; the objects of :meth:`activetouch.TouchWorld.sample`."""
-        return _RecordingWorld.sample(self.sensor, arrangement, rng)
-
-
-class _RecordingWorld(TouchWorld):
-    """A :class:`activetouch.TouchWorld` that keeps the image of its last press."""
-
-    last_image: NDArray[np.uint8] | None = None
-
-    def touch(self, pose: Name, rng: np.random.Generator) -> Touch:
-        self.last_image, _ = self.press(pose, rng)
-        return self._sensor.read(self.last_image[None], [pose])[0]
+        return TouchWorld.sample(self.sensor, arrangement, rng)
 
 
 @dataclass(frozen=True, eq=False)

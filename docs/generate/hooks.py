@@ -67,7 +67,15 @@ NAV: dict[str, list[str]] = {
         "contributing.md",
     ],
     "Reference": ["commands.md", "session_log.md", "columns.md", "scenes.md", "glossary.md"],
-    "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
+    "Results": [
+        "results.md",
+        "benchmark.md",
+        "reproduction.md",
+        "tradeoff.md",
+        "robustness.md",
+        "benchmarks.md",
+        "limits.md",
+    ],
 }
 """Pages under each tab; generated pages are added to them."""
 BOOSTS = {

@@ -16,6 +16,9 @@ from typing import Any
 
 from belief.statistics.comparison import pareto_front, wilson_interval
 from belief.table import interval
+from experiments.search.benchmark.cards import Card
+from experiments.search.benchmark.checking import check
+from experiments.search.benchmark.checking import tables as submission_tables
 from experiments.tradeoff.report import SHARES
 
 DOCS = Path(__file__).parent.parent
@@ -50,6 +53,8 @@ INFERRED = (
     *("noise × 2 + shifted by 3 % of the edge", "hysteresis 5 % + 5 % more dead"),
 )
 """Worlds that a sensor in an unknown state infers."""
+_BASELINE = "information_gain"
+"""Agent that is shown with every task."""
 _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 
@@ -219,6 +224,30 @@ NAMED = {  # splits of the record, and what the page calls them
         "random sessions": "the same, random grasps",
     },
 }
+
+
+def benchmark(page: str) -> str:
+    """The page with its tables of the tasks, with a baseline, and of all submissions."""
+    entries = check(sorted((RECORDS / "submissions").glob("*/*.gz")), share=0.0)
+    assert not [entry for entry in entries if entry.faults], entries
+    shown = [table for table in submission_tables(entries) if table.name.endswith("_results")]
+    by_task = {table.name.removesuffix("_results"): table.records() for table in shown}
+    own = {one.submission.header.task: one for one in entries if one.submission and one.name == _BASELINE}
+    rows, tasks = [], []
+    for card in Card.every():
+        found = {row["agent"]: row for row in by_task[card.name]}
+        base, elapsed = found[_BASELINE], own[card.name].submission.header.elapsed
+        success = interval(base["success"], base["success_low"], base["success_high"])
+        cells = (success, f"{base['touches']:.2f}", f"{base['return']:.3f}", f"{card.bound:.3f}", f"{elapsed:.0f} s")
+        tasks.append(_row(f"`{card.name}`", card.summary, str(len(card.sought) * card.episodes), *cells))
+        for name, row in found.items():
+            success = interval(row["success"], row["success_low"], row["success_high"])
+            returned = interval(row["return"], row["return_low"], row["return_high"])
+            cells = (row["group"], success, f"{row['touches']:.2f}", returned, f"{row['to_bound']:.3f}")
+            rows.append(_row(f"`{card.name}`", f"`{name}`", *cells, f"{row['ms']:.1f}"))
+    return _with_rows(_with_rows(page, "## Tasks", tasks), "## Scoreboard", rows)
+
+
 PAGES = {
     "robustness.md": robustness,
     "perception.md": perception,
@@ -227,6 +256,7 @@ PAGES = {
     "tradeoff.md": tradeoff,
     "reproduction.md": reproduction,
     "real_touch.md": real_touch,
+    "benchmark.md": benchmark,
 }
 
 

@@ -15,7 +15,7 @@ from experiments.cli import commands
 from tests.experiments.command_line.test_arguments import _NEEDED
 
 fcntl = pytest.importorskip("fcntl")
-IN_ONE_FILE = {"touch", "replay", "export", "certify", "pad-fit"}
+IN_ONE_FILE = {"touch", "benchmark", "replay", "export", "certify", "pad-fit"}
 WRITERS = [
     name
     for name, kind in commands().items()

@@ -1,0 +1,1 @@
+"""``activetouch benchmark``: task cards, submissions of agents, and their check."""
