@@ -289,7 +289,8 @@ class TrayBelief:
     @property
     def cells(self) -> tuple[int, int]:
         """Cells of the tray along x and y."""
-        return int(self.size[0] / self.table.pitch), int(self.size[1] / self.table.pitch)
+        along, across = (int(edge / self.table.pitch + 1e-9) for edge in self.size)
+        return along, across
 
     def centre(self, cell: Sequence[float]) -> tuple[float, float]:
         """The middle of a cell in the tray [m]."""

@@ -37,6 +37,7 @@ NAV: dict[str, list[str]] = {
         "your_classifier.md",
         "any_decision.md",
         "find.md",
+        "drawer.md",
         "toy.md",
     ],
     "Learn": [

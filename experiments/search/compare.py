@@ -132,7 +132,7 @@ class Compare:
             folder=choice.meshes[0] if choice.meshes else None,
             target=self.targets,
             deciders=own.deciders if self.deciders == usual.deciders else self.deciders,
-            searches=own.searches if self.episodes == usual.episodes else self.episodes * max(len(self.targets), 12),
+            searches=own.searches if self.episodes == usual.episodes else self.episodes * (len(self.targets) or 12),
             objects=self.setting.num_objects or own.objects,
             seed=self.seed,
             out=self.folder,

@@ -20,6 +20,12 @@ from activetouch.tray.sensor import DECIDERS, TraySensor
 from activetouch.tray.world import Lying, Tray, TrayWorld
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
 from belief.problem import Reject
+from experiments.command_line.arguments import BadArgument
+from experiments.meshes.find import Find
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.drawer.drawer import Drawer
+from experiments.search.play import Setting
 from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stop
 from planners.tray_session import TraySession
 
@@ -269,3 +275,30 @@ def test_the_command_continues_and_refuses_other_settings(tmp_path, capsys):
     (tmp_path / "episodes.jsonl").write_text("\n".join([lines[0], json.dumps({"decider": 1})]))
     with pytest.raises(CorruptFile, match="episodes"):
         drawer(["raster"], num_searches=1, out=tmp_path, jobs=1, **given)
+
+
+def test_compare_and_find_play_the_drawer(monkeypatch, tmp_path):
+    played = []
+    monkeypatch.setattr(Drawer, "run", lambda command: played.append(command))
+    choice = SceneChoice("drawer")
+    Compare(targets=("cube",), episodes=2, setting=Setting(choice), out=tmp_path, jobs=1).run()
+    Find(folder=tmp_path, target="mug", drawer=True, searches=3, objects=4, threshold=0.9, out=tmp_path, jobs=1).run()
+    first, second = played
+    assert (first.target, first.searches, first.out, first.deciders) == (("cube",), 2, tmp_path, Drawer().deciders)
+    assert (second.folder, second.target, second.searches) == (tmp_path, ("mug",), 3)
+    assert (second.objects, second.sure) == (4, 0.9)
+    with pytest.raises(BadArgument, match="the scene drawer takes"):
+        Compare(setting=Setting(choice, unlisted=0.1), out=tmp_path).run()
+
+
+def test_strangers_are_told_from_the_shapes_of_the_files(two):
+    """A bar among spheres and cubes is none of them; without a prior for strangers, it is taken for one."""
+    bar = {"bar": Box((0.03, 0.006, 0.01))}
+    shapes = {name: SHAPES[name] for name in ("sphere", "cube", "half_sphere")}
+    tray = Tray(size=(0.16, 0.12), num_objects=1, present=0.3, unlisted=0.9)
+    sensor = TraySensor.shipped("coarse", shapes, tray, strangers=bar)
+    number = next(n for n in range(30) if sensor.world("cube", n).objects[0].shape == 3)
+    found = sensor.search("cube", seed=number)
+    assert found.objects[0][0] == "stranger 1"
+    assert found.answer == "absent"
+    assert found.success

@@ -22,7 +22,7 @@ from experiments.search.play import EPISODES_PER_BATCH, Setting
 from experiments.search.run import Run
 from planners import Decider
 from planners.fingerprint import files_digest
-from planners.one_touch import one_touch_bound
+from planners.solve import one_touch_bound
 
 TASKS = Path(__file__).parent / "tasks"
 

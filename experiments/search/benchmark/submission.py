@@ -167,7 +167,7 @@ def _lines(path: Path) -> list[str]:
         content = file.read(_MOST_COMPRESSED + 1)
     if len(content) > _MOST_COMPRESSED:
         raise InvalidArgument(f"it has more than {_MOST_COMPRESSED} bytes")
-    with gzip.open(io.BytesIO(content)) as opened:
+    with gzip.GzipFile(fileobj=io.BytesIO(content)) as opened:
         text = opened.read(_MOST_BYTES + 1)
     if len(text) > _MOST_BYTES:
         raise InvalidArgument(f"it holds more than {_MOST_BYTES} bytes")

@@ -51,6 +51,8 @@ def target_map(belief: TrayBelief) -> Any:
     for weight, world in zip(weights / weights.sum(), belief.worlds, strict=True):
         answers = belief.answers(world)
         free = belief.by_shape[belief.target]
+        if world.found:
+            free = free * belief.outside(world)[belief.target]
         if free.sum() > 0.0:
             found += weight * answers.unfound * free / free.sum()
         for one, prob in zip(world.found, answers.found, strict=True):
