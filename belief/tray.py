@@ -53,6 +53,7 @@ class PlaceTable:
         embeddings: of the contacts at the n offsets with ``hit > 0``, in the order of the array, ``(n, D)``; the
             product with that of an image is log p(image | contact) up to a constant of the image.
         pitch: distance of neighbouring offsets [m].
+        half_width: half the edge of the pad [m].
     """
 
     labels: tuple[str, ...]
@@ -65,6 +66,7 @@ class PlaceTable:
     spread: Floats32
     embeddings: Floats32
     pitch: float
+    half_width: float = 0.0
 
     @property
     def reach(self) -> int:

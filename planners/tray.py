@@ -7,7 +7,7 @@ A decider sees a :class:`belief.tray.TrayBelief` and where the pad is, and answe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
@@ -177,13 +177,13 @@ class InformationPerCost:
         order = np.argsort(-answers.found)[:_EXAMINED]
         for number in order.tolist():
             if answers.found[number] * (1.0 - answers.found[number]) > _LEAST:
-                cells, gain = self._of_found(belief, world.found[number], float(answers.found[number]), rng)
+                cells, gain = self.of_found(belief, world.found[number], float(answers.found[number]), rng)
                 gains[tuple(cells.T)] = np.maximum(gains[tuple(cells.T)], gain)
-        allowed = _allowed(belief, self.outcomes)
+        allowed = _allowed(belief)
         cost = 1.0 + self.rules.travel * _distances(belief, at)
         index = np.where(allowed, gains / cost, -1.0)
-        cell = np.unravel_index(int(index.argmax()), index.shape)
-        return TrayDecision(Press((int(cell[0]), int(cell[1]))), {"gain": float(gains[cell])})
+        best = int(index.argmax())
+        return TrayDecision(_press(np.array(np.unravel_index(best, index.shape))), {"gain": float(gains.ravel()[best])})
 
     def _of_new(self, belief: TrayBelief, world: World, unfound: float) -> Floats:
         """Expected information of a press of a place where nothing was found, ``(X, Y)`` [nats]."""
@@ -199,11 +199,9 @@ class InformationPerCost:
         share = unfound * of_target / np.maximum(hit, 1e-12)
         return np.asarray(told + self.first_share * hit * _entropy(np.clip(share, 0.0, 1.0)))
 
-    def _of_found(self, belief: TrayBelief, one: Found, prob: float, rng: np.random.Generator) -> tuple[Any, Floats]:
+    def of_found(self, belief: TrayBelief, one: Found, prob: float, rng: np.random.Generator) -> tuple[Any, Floats]:
         """Cells beside a found object, ``(c, 2)``, and the expected information of a press there ``(c,)`` [nats]."""
         table, target = belief.table, belief.target
-        shapes = np.full(one.num_shapes, (1.0 - prob) / max(one.num_shapes - 1, 1))
-        shapes[target] = prob
         total = one.evidence[target]
         others = np.delete(one.evidence, target)
         common = np.logaddexp.reduce(others)
@@ -248,7 +246,7 @@ class InformationPerCost:
         return cells, np.maximum(_entropy(np.array(prob)) - expected, 0.0)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class RasterThenIdentify:
     """Presses on rows of a raster, and touches every new object until its shape is named: the usual way.
 
@@ -256,49 +254,41 @@ class RasterThenIdentify:
         rules: of the search.
         outcomes: of touches.
         spacing: distance of the rows, and of the presses along them [m].
+        most_touches: of one object, after which the raster goes on.
     """
 
     rules: TrayRules
     outcomes: PlaceOutcomes
     spacing: float = 0.036
-    _next: int = 0
-    _points: list[tuple[float, float]] = field(default_factory=list)
+    most_touches: int = 20
 
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
         """See :class:`TrayDecider`."""
-        if belief.num_touches == 0:
-            self._next, self._points = 0, raster(belief.size, self.spacing)
         for one in belief.worlds[0].found:
-            named = np.exp(one.evidence - np.logaddexp.reduce(one.evidence))
-            if named.max() < self.rules.sure and one.touches < 20:
-                return TrayDecision(Press(self._closer(belief, one, at, rng)), {"named": float(named.max())})
-        place = self._points[self._next % len(self._points)]
-        self._next += 1
-        return TrayDecision(Press(belief.cell_at(*place)), {"row": float(self._next)})
-
-    def _closer(self, belief: TrayBelief, one: Found, at: Any, rng: np.random.Generator) -> tuple[int, int]:
-        likeliest = int(one.evidence.argmax())
-        look = InformationPerCost(self.rules, self.outcomes)
-        other = belief if likeliest == belief.target else _seeking(belief, likeliest)
-        prob = float(np.exp(one.evidence[likeliest] - np.logaddexp.reduce(one.evidence)))
-        cells, gain = look._of_found(other, one, prob, rng)
-        allowed = _allowed(belief, self.outcomes)[tuple(cells.T)]
-        cost = 1.0 + self.rules.travel * _distances(belief, at)[tuple(cells.T)]
-        cell = cells[int(np.where(allowed, gain / cost, -1.0).argmax())]
-        return int(cell[0]), int(cell[1])
+            named = float(np.exp(one.evidence.max() - np.logaddexp.reduce(one.evidence)))
+            if named < self.rules.sure and one.touches < self.most_touches:
+                likeliest = int(one.evidence.argmax())
+                look = InformationPerCost(self.rules, self.outcomes)
+                cells, gain = look.of_found(replace(belief, target=likeliest), one, named, rng)
+                if len(cells):
+                    cost = 1.0 + self.rules.travel * _distances(belief, at)[tuple(cells.T)]
+                    best = np.where(_allowed(belief)[tuple(cells.T)], gain / cost, -1.0).argmax()
+                    return TrayDecision(_press(cells[best]), {"named": named})
+        cells_of_rows = [belief.cell_at(*place) for place in raster(belief.size, self.spacing)]
+        left = [cell for cell in cells_of_rows if cell not in belief.pressed]
+        if not left:
+            return RandomPlaces().choose(belief, at, rng)
+        return TrayDecision(Press(left[0]), {"left": float(len(left))})
 
 
 @dataclass(frozen=True, eq=False)
 class RandomPlaces:
     """Presses anywhere."""
 
-    outcomes: PlaceOutcomes
-
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
         """See :class:`TrayDecider`."""
-        cells = np.argwhere(_allowed(belief, self.outcomes))
-        cell = cells[rng.integers(len(cells))]
-        return TrayDecision(Press((int(cell[0]), int(cell[1]))))
+        cells = np.argwhere(_allowed(belief))
+        return TrayDecision(_press(cells[rng.integers(len(cells))]))
 
 
 def raster(size: tuple[float, float], spacing: float) -> list[tuple[float, float]]:
@@ -332,23 +322,20 @@ def cover(belief: TrayBelief, world: World) -> tuple[Floats, Floats]:
     return kinds[0], kinds[1]
 
 
-def _seeking(belief: TrayBelief, target: int) -> TrayBelief:
-    from dataclasses import replace
-
-    return replace(belief, target=target)
+def _press(cell: NDArray[np.int64]) -> Press:
+    return Press((int(cell[0]), int(cell[1])))
 
 
-def _allowed(belief: TrayBelief, outcomes: PlaceOutcomes) -> NDArray[np.bool_]:
-    """Cells on which the pad may come down, whose face stays within the walls, ``(X, Y)``."""
-    margin = 0.015
-    sides = []
+def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
+    """Cells on which the pad may come down: its face stays within the walls, and no touch was there; ``(X, Y)``."""
+    margin, sides = belief.table.half_width - 1e-9, []
     for axis, number in enumerate(belief.cells):
         middles = np.array([belief.centre((place, place))[axis] for place in range(number)])
-        sides.append((middles >= margin - 1e-9) & (middles <= belief.size[axis] - margin + 1e-9))
+        sides.append((middles >= margin) & (middles <= belief.size[axis] - margin))
     allowed = np.asarray(sides[0][:, None] & sides[1])
     if belief.pressed:
         allowed[tuple(np.array(belief.pressed).T)] = False
-    return allowed
+    return allowed if allowed.any() else np.ones(belief.cells, bool)
 
 
 def _distances(belief: TrayBelief, at: tuple[float, float]) -> Floats:

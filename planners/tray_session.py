@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -121,9 +121,12 @@ class TraySession:
         A press has the cell of the tray; :meth:`place` has where that is.
         """
         if self._asked is None:
-            found = stop(self.standing, self.belief.num_touches, self.rules)
-            self._asked = found or self.decider.choose(self.belief, self.at, self._rng)
+            self._asked = self.stopped() or self.decider.choose(self.belief, self.at, self._rng)
         return self._asked
+
+    def stopped(self) -> TrayDecision | None:
+        """The answer that ends the search; None as long as none is probable enough."""
+        return stop(self.standing, self.belief.num_touches, self.rules)
 
     def place(self) -> tuple[float, float]:
         """Where the press that is asked for is (x, y) [m].
@@ -200,16 +203,29 @@ def search_tray(session: TraySession, world: Presses, rng: np.random.Generator) 
     return decision
 
 
+class LiesAt(Protocol):
+    """An object in a tray: index of its shape, and its place (x, y, z) [m]."""
+
+    @property
+    def shape(self) -> int:
+        """Index of its shape."""
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """Its place [m]."""
+
+
+def is_right(answer: str, place: tuple[float, float] | None, objects: Sequence[LiesAt], target: int) -> bool:
+    """Whether an answer is right: the object nearest to the place has the target's shape, or no object has it."""
+    if place is None:
+        return answer == "absent" and all(one.shape != target for one in objects)
+    nearest = min(objects, key=lambda one: float(np.hypot(one.place[0] - place[0], one.place[1] - place[1])))
+    return nearest.shape == target
+
+
 def ended(decision: TrayDecision) -> tuple[str, tuple[float, float] | None, float]:
     """The answer of a decision that ends a search in words, its place, and its stated probability."""
     words = {ConfirmAt: "here", Reject: "absent", Unsure: "unsure"}
     action = decision.action
     place = action.place if isinstance(action, ConfirmAt) else None
     return words[type(action)], place, float(decision.scores["stated"])
-
-
-def fields_of(episode: TrayEpisode) -> Mapping[str, Any]:
-    """An episode as JSON types."""
-    from dataclasses import asdict
-
-    return asdict(episode) | {"steps": [list(step) for step in episode.steps]}

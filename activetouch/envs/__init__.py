@@ -18,6 +18,8 @@ IDS: dict[str, tuple[str, dict[str, Any]]] = {
 """The entry points of the environments by id, and the arguments that differ from the defaults."""
 BANK_ID = "activetouch/ObjectTestBank-v0"
 """The first on recorded touches, for ``gymnasium.make_vec`` alone: many at once, as array operations."""
+TRAY_ID = "activetouch/TraySearch-v0"
+"""A search among objects in a tray, whose actions are places."""
 MOST_STEPS = 1000
 """``max_episode_steps`` of all environments. An episode ends by its own touch limit, far earlier by default."""
 
@@ -27,7 +29,9 @@ if find_spec("gymnasium") is not None:
     for _id, (_entry_point, _settings) in IDS.items():
         if _id not in registry:  # also if the module is reloaded
             register(_id, _entry_point, max_episode_steps=MOST_STEPS, kwargs=_settings)
+    if TRAY_ID not in registry:
+        register(TRAY_ID, "activetouch.envs.tray:TraySearchEnv", max_episode_steps=MOST_STEPS)
     if BANK_ID not in registry:
         register(BANK_ID, vector_entry_point="activetouch.envs.batched_episodes:recorded_tests")
 
-__all__ = ["BANK_ID", "IDS", "MOST_STEPS"]
+__all__ = ["BANK_ID", "IDS", "MOST_STEPS", "TRAY_ID"]

@@ -63,6 +63,7 @@ def place_table(reader: ContactHypotheses, scene: Scene) -> PlaceTable:
         spread=spread,
         embeddings=np.concatenate([part[part[..., 0] > 0.0][:, NUM_CHANNELS:] for part in parts], dtype=np.float32),
         pitch=pitch_in_pixels(reader) * _pixel(reader),
+        half_width=reader.imaging.pad.half_width,
     )
 
 

@@ -37,12 +37,12 @@ from planners.tray import (
     TrayDecider,
     TrayRules,
 )
-from planners.tray_session import TrayEpisode, TraySession, ended, search_tray
+from planners.tray_session import TrayEpisode, TraySession, ended, is_right, search_tray
 
 DECIDERS: Mapping[str, Callable[[TrayRules, PlaceOutcomes], TrayDecider]] = {
     "information_per_cost": InformationPerCost,
     "raster": RasterThenIdentify,
-    "random": lambda rules, outcomes: RandomPlaces(outcomes),
+    "random": lambda rules, outcomes: RandomPlaces(),
 }
 """Deciders of searches in a tray, by name."""
 _REFERENCES = 72  # touches that stand for all
@@ -222,10 +222,7 @@ class TraySensor:
         decision = search_tray(session, Keyed(world, (*key, index, 2)), np.random.default_rng(0))
         answer, place, stated = ended(decision)
         is_there = any(one.shape == index for one in world.objects)
-        success = answer == "absent" and not is_there
-        if place is not None:
-            nearest = min(world.objects, key=lambda one: float(np.hypot(*(one.place[:2] - place))))
-            success = nearest.shape == index
+        success = is_right(answer, place, world.objects, index)
         return TrayEpisode(
             self.shape_labels[index], key, tuple(session.steps), answer, place, stated, is_there, success, lay
         )  # fmt: skip

@@ -3,9 +3,11 @@
 import json
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 import scipy.spatial
+from gymnasium.utils.env_checker import check_env
 
 from activetouch import Scene, drawer
 from activetouch.errors import WrongScene
@@ -302,3 +304,22 @@ def test_strangers_are_told_from_the_shapes_of_the_files(two):
     assert found.objects[0][0] == "stranger 1"
     assert found.answer == "absent"
     assert found.success
+
+
+def test_the_environment_is_one_of_gymnasium(sensor):
+    env = gymnasium.make("activetouch/TraySearch-v0", sensor=sensor)
+    check_env(env.unwrapped, skip_render_check=True)
+    observation, info = env.reset(seed=3, options={"target": "cube"})
+    assert info["target"] == "cube"
+    rewards, ends = [], False
+    for step in range(60):
+        place = np.unravel_index(int(observation[0].argmax()), observation.shape[1:])  # where it may be most probably
+        action = (np.array(place) + 0.5) / observation.shape[1:] if step % 3 else env.action_space.sample()
+        observation, reward, ends, truncated, info = env.step(np.float32(action))
+        rewards.append(reward)
+        assert not truncated
+        if ends:
+            break
+    assert ends
+    assert rewards[-1] > 0.5 if info["is_success"] else rewards[-1] < 0.0
+    assert all(-1.0 < reward < 0.0 for reward in rewards[:-1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -42,7 +41,10 @@ class Searches:
 
     def made(self) -> TraySensor:
         """The sensor; the same one at the next call."""
-        return _made(self.key, _Same((self,)))
+        if self.key not in _MADE:
+            _MADE.clear()  # which are large
+            _MADE[self.key] = TraySensor.shipped(self.sensor, self.shapes, self.tray, self.rules, self.strangers)
+        return _MADE[self.key]
 
     @property
     def key(self) -> str:
@@ -60,20 +62,7 @@ def _listed(shapes: Any) -> Any:
     return None if shapes is None else str(shapes)
 
 
-class _Same(tuple[Searches]):
-    """A tuple that is equal to every other one, so that the key alone decides."""
-
-    def __eq__(self, other: object) -> bool:
-        return True
-
-    def __hash__(self) -> int:
-        return 0
-
-
-@lru_cache(maxsize=2)
-def _made(key: str, holder: _Same) -> TraySensor:
-    searches = holder[0]
-    return TraySensor.shipped(searches.sensor, searches.shapes, searches.tray, searches.rules, searches.strangers)
+_MADE: dict[str, TraySensor] = {}
 
 
 def write_searches(path: Path, searches: Searches, kept: Mapping[Key, TrayEpisode]) -> None:
