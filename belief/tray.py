@@ -25,6 +25,7 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 
+from belief.constraints import Checked, NotNegative, Positive, Probability
 from belief.errors import ImpossibleObservation
 from belief.validation import Floats
 
@@ -124,7 +125,7 @@ class PlaceTouch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TouchNoise:
+class TouchNoise(Checked):
     """How far touches are from what the table predicts.
 
     Attributes:
@@ -136,11 +137,11 @@ class TouchNoise:
         drift: share by which errors about one object come again: n touches count as n / (1 + drift · (n − 1)).
     """
 
-    height: float = 0.001
-    scale: float = 0.9
-    drift: float = 0.03
-    outliers: float = 0.02
-    push: float = 0.0
+    height: Positive = 0.001
+    scale: Positive = 0.9
+    drift: NotNegative = 0.03
+    outliers: Probability = 0.02
+    push: NotNegative = 0.0
 
     def robust(self, scores: Floats32) -> Floats32:
         """Log likelihood ratios of images, of which some are outliers that say nothing, before the scale."""

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.constraints import Checked, Count, NotNegative, Share
 from belief.problem import Reject, Unsure
 from belief.tray import Found, PlaceTable, TrayBelief, World, convolved
 from belief.validation import Floats
@@ -45,7 +46,7 @@ class TrayDecision:
 
 
 @dataclass(frozen=True)
-class TrayRules:
+class TrayRules(Checked):
     """Costs and stops of a search in a tray.
 
     Attributes:
@@ -54,9 +55,9 @@ class TrayRules:
         most_touches: after which the answer is "I do not know".
     """
 
-    travel: float = 20.0
-    sure: float = 0.95
-    most_touches: int = 150
+    travel: NotNegative = 20.0
+    sure: Share = 0.95
+    most_touches: Count = 150
 
 
 class TrayDecider(Protocol):
