@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -231,12 +231,13 @@ class World:
     """An assignment of touches to objects: the objects that were met, and the weight of the assignment.
 
     ``log_odd`` is the log density of touches that are of no object, such as those of an object that lies as no row
-    says.
+    says. ``log_answers (n + 2,)`` are the log probabilities of :meth:`TrayBelief.answers`, once they are known.
     """
 
     found: tuple[Found, ...]
     log_weight: float = 0.0
     log_odd: float = 0.0
+    log_answers: Floats | None = None
 
 
 class Answers(NamedTuple):
@@ -435,12 +436,16 @@ class TrayBelief:
 
     def _weighed(self) -> TrayBelief:
         """With worlds in the order of their weights, without improbable ones."""
-        logs = np.array([self._log_answers(world)[1] for world in self.worlds])
+        answers, totals = zip(*(self._log_answers(world) for world in self.worlds), strict=True)
+        logs = np.array(totals)
         if not logs.max(initial=-np.inf) > -np.inf:
             raise ImpossibleObservation("the touches are impossible for every arrangement of the objects in the tray")
         order = np.argsort(-logs, kind="stable")[: self.most_worlds]
         kept = [one for one in order if logs[one] > logs[order[0]] + np.log(_DEAD)]
-        worlds = tuple(replace(self.worlds[one], log_weight=float(logs[one] - logs[order[0]])) for one in kept)
+        worlds = tuple(
+            replace(self.worlds[one], log_weight=float(logs[one] - logs[order[0]]), log_answers=answers[one])
+            for one in kept
+        )
         return replace(self, worlds=worlds)
 
     def _log_answers(self, world: World) -> tuple[Floats, float]:
@@ -471,7 +476,7 @@ class TrayBelief:
 
     def answers(self, world: World) -> Answers:
         """Where the target is, in one world."""
-        probs = np.exp(self._log_answers(world)[0])
+        probs = np.exp(self._log_answers(world)[0] if world.log_answers is None else world.log_answers)
         return Answers(probs[:-2], float(probs[-2]), float(probs[-1]))
 
     def place_of_target(self, one: Found) -> tuple[float, float]:
@@ -500,7 +505,10 @@ class TrayBelief:
         Two objects overlap for sure where the discs that they cover do.
         """
         margins, number = np.unique(self._margins, return_inverse=True)
-        return np.stack([self.uncovered(world, margin) for margin in margins.tolist()])[number]
+        found = np.ones((len(margins), *self.cells), np.float32)
+        for one in world.found:
+            found *= 1.0 - _kept(self, one, tuple(margins.tolist()))
+        return np.clip(found, 0.0, 1.0)[number]
 
     @cached_property
     def _margins(self) -> Floats:
@@ -509,13 +517,6 @@ class TrayBelief:
         step = self.table.pitch / 2.0
         return np.asarray(np.floor(np.minimum.reduceat(self.table.inner, first) / step) * step)
 
-    def uncovered(self, world: World, margin: float) -> Floats32:
-        """Probability that no found object covers a point within a margin [m] of a cell, ``(X, Y)``."""
-        found = np.ones(self.cells, np.float32)
-        for one in world.found:
-            found *= 1.0 - _kept(self, one, margin)
-        return np.clip(found, 0.0, 1.0)
-
     def unmet(self, world: World) -> Floats32:
         """Probability that a press in each cell meets no found object, ``(X, Y)``."""
         found = np.ones(self.cells, np.float32)
@@ -523,18 +524,21 @@ class TrayBelief:
             found *= 1.0 - _kept(self, one, None)
         return np.clip(found, 0.0, 1.0)
 
-    def discs(self, one: Found, margin: float) -> Floats32:
-        """Probability that a found object covers a disc about itself that reaches within a margin of a cell."""
-        probs = one.probs(np.zeros(one.num_shapes))
-        radii = np.round((self.table.inner[one.row] + margin) / self.table.pitch).astype(int)
-        found = np.zeros(self.cells, np.float32)
-        for radius in np.unique(radii):
-            some = radii == radius
-            masses = np.bincount(one.x[some] * self.cells[1] + one.y[some], probs[some], self.cells[0] * self.cells[1])
-            along = np.arange(-radius, radius + 1)
-            disc = (along[:, None] ** 2 + along**2 < radius**2).astype(np.float32)
-            found += convolved(masses.reshape(self.cells).astype(np.float32), disc)
-        return found
+    def discs(self, one: Found, margins: tuple[float, ...]) -> Floats32:
+        """Probability that the disc which a found object covers is within each margin [m] of a cell, ``(M, X, Y)``."""
+        probs, (along, across) = one.probs(np.zeros(one.num_shapes)), self.cells
+        widest = int((self.table.inner.max() + max(margins)) / self.table.pitch) + 2
+        size = tuple(scipy.fft.next_fast_len(number + 2 * widest, True) for number in self.cells)
+        inner, of_disc = np.unique(self.table.inner[one.row], return_inverse=True)
+        sums = np.zeros((len(margins), size[0], size[1] // 2 + 1), np.complex64)
+        for number, radius in enumerate(inner.tolist()):
+            some = of_disc == number
+            masses = np.bincount(one.x[some] * across + one.y[some], probs[some], along * across)
+            spectrum = scipy.fft.rfft2(masses.reshape(along, across).astype(np.float32), size)
+            for place, margin in enumerate(margins):
+                sums[place] += spectrum * _disc(round((radius + margin) / self.table.pitch), size)
+        found = scipy.fft.irfft2(sums, size)
+        return np.clip(found[:, :along, :across], 0.0, 1.0)
 
     def hits(self, one: Found) -> Floats32:
         """Probability that a press in each cell meets a found object, by hypotheses that stand for all, ``(X, Y)``."""
@@ -549,18 +553,25 @@ class TrayBelief:
 
 
 _STAND_FOR = 64  # hypotheses
-_KEPT: dict[tuple[int, float | None], tuple[Found, Floats32]] = {}
+_KEPT: dict[tuple[int, tuple[float, ...] | None], tuple[Found, Floats32]] = {}
 _MOST_KEPT = 256
 
 
-def _kept(belief: TrayBelief, one: Found, margin: float | None) -> Floats32:
-    """:meth:`TrayBelief.discs`, or :meth:`TrayBelief.hits` without a margin, computed once for each found object."""
-    key = id(one), margin
+def _kept(belief: TrayBelief, one: Found, margins: tuple[float, ...] | None) -> Floats32:
+    """:meth:`TrayBelief.discs`, or :meth:`TrayBelief.hits` without margins, computed once for each found object."""
+    key = id(one), margins
     if key not in _KEPT or _KEPT[key][0] is not one:
         while len(_KEPT) >= _MOST_KEPT:
             del _KEPT[next(iter(_KEPT))]
-        _KEPT[key] = one, belief.hits(one) if margin is None else belief.discs(one, margin)
+        _KEPT[key] = one, belief.hits(one) if margins is None else belief.discs(one, margins)
     return _KEPT[key][1]
+
+
+@lru_cache(maxsize=256)
+def _disc(radius: int, size: tuple[int, int]) -> NDArray[np.complexfloating]:
+    """Spectrum of a disc about the origin of a periodic grid [cells]."""
+    along, across = (np.minimum(np.arange(edge), edge - np.arange(edge)) for edge in size)
+    return np.asarray(scipy.fft.rfft2(((along[:, None] ** 2 + across**2) < radius**2).astype(np.float32)))
 
 
 def convolved(places: Floats32, mask: Floats32) -> Floats32:
