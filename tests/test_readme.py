@@ -126,7 +126,7 @@ FOLDERS = "activetouch|belief|planners|experiments|tests|benchmarks|examples|doc
 IN_BACKTICKS = re.compile(rf"`((?:{FOLDERS})/[\w./-]*)`")
 IN_COMMANDS = re.compile(r"python ((?:benchmarks|examples)/[\w.]+\.py)")
 OF_A_COMMIT = re.compile(r"`[^`]+` at `[0-9a-f]{8}`")
-IDS_OF_GYMNASIUM = re.compile(r"activetouch/Object\w+-v\d+")
+IDS_OF_GYMNASIUM = re.compile(r"activetouch/(Object|Tray)\w+-v\d+")
 
 
 @pytest.mark.parametrize("page", PROSE)
