@@ -56,8 +56,9 @@ class Oracle:
 
 def by_oracle(sensor: TraySensor, target: int, seed: tuple[int, int]) -> tuple[int, float, bool]:
     """Touches, travel [m], and whether the answer is right, of a search in which contacts are recognised."""
-    world = sensor.world(target, seed)
-    oracle, keyed = Oracle(sensor.belief(target), world), Keyed(world, (*seed, target, 2))
+    keyed = sensor.touched(target, seed)
+    world = keyed.world
+    oracle = Oracle(sensor.belief(target), world)
     rng, at, travel = np.random.default_rng([*seed, target, 1]), (0.0, 0.0), 0.0
     decider = sensor.decider()
     while True:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -21,8 +21,12 @@ from belief.validation import Floats
 
 _FEW = 32  # hypotheses of an object that outcomes are drawn from
 _LEAST = 0.002  # probability of being the target above which an object is examined
-_NEGLIGIBLE, _SAME = 1e-6, 0.015  # probability of an object that is not listed; distance of places that are one [m]
+_NEGLIGIBLE = 1e-6  # probability of an object that is not listed
 _EXAMINED = 4  # objects that are examined at most
+
+
+SAME_PLACE = 0.015
+"""Distance of places that are one [m]."""
 
 
 class Press(NamedTuple):
@@ -111,7 +115,7 @@ def standing_of(belief: TrayBelief) -> Standing:
     places: list[tuple[tuple[float, float], float]] = []
     for prob, place in sorted(listed, reverse=True):
         number = next(
-            (k for k, (at, _) in enumerate(places) if np.hypot(at[0] - place[0], at[1] - place[1]) < _SAME), None
+            (k for k, (at, _) in enumerate(places) if np.hypot(at[0] - place[0], at[1] - place[1]) < SAME_PLACE), None
         )
         if number is None:
             places.append((place, prob))
@@ -137,20 +141,15 @@ class PlaceOutcomes:
         scores -= scores.max(axis=-1, keepdims=True)
         return np.asarray(scores - np.log(np.exp(scores).sum(axis=-1, keepdims=True)))
 
-    @property
+    @cached_property
     def _level(self) -> Floats:
-        return _levels(self)
-
-
-@lru_cache(maxsize=16)
-def _levels(outcomes: PlaceOutcomes) -> Floats:
-    """Log mean ratio of each reference over all contacts, ``(M,)``."""
-    contacts = outcomes.table.contacts
-    some = slice(None, None, max(1, len(contacts.row) // 4000))
-    weights = (contacts.hit * outcomes.table.prior[contacts.row])[some]
-    scores = outcomes.scale * (contacts.embeddings[some] @ outcomes.references.T)
-    highest = scores.max(axis=0)
-    return np.asarray(np.log(weights @ np.exp(scores - highest) / weights.sum()) + highest)
+        """Log mean ratio of each reference over all contacts, ``(M,)``."""
+        contacts = self.table.contacts
+        some = slice(None, None, max(1, len(contacts.row) // 4000))
+        weights = (contacts.hit * self.table.prior[contacts.row])[some]
+        scores = self.scale * (contacts.embeddings[some] @ self.references.T)
+        highest = scores.max(axis=0)
+        return np.asarray(np.log(weights @ np.exp(scores - highest) / weights.sum()) + highest)
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,8 +75,8 @@ class TrayEpisode:
 class Presses(Protocol):
     """A tray that can be touched."""
 
-    def press(self, x: float, y: float, rng: np.random.Generator) -> Any:
-        """What the pad meets at a place [m]: an object with ``height`` [m] and ``image``, None for a miss."""
+    def press(self, x: float, y: float, rng: np.random.Generator) -> Met:
+        """What the pad meets at a place [m]."""
 
 
 class TraySession:
@@ -178,6 +178,11 @@ class TraySession:
         self.standing = standing_of(after)
         self.steps.append(TrayStep((float(x), float(y)), height, self.standing.target, self.standing.absent))
 
+    def tell_met(self, met: Met, place: tuple[float, float] | None = None) -> None:
+        """:meth:`tell` what a simulated pad met, a miss as well."""
+        is_miss = met.image is None
+        self.tell(met.image, None if is_miss else met.height, missed=is_miss, place=place)
+
     def undo(self) -> None:
         """Take back what was told last.
 
@@ -191,15 +196,23 @@ class TraySession:
         self.standing, self._asked = standing_of(self.belief), None
 
 
+class Met(Protocol):
+    """What a pad met: the height of the contact [m], and its image; None for a miss."""
+
+    @property
+    def height(self) -> float:
+        """Above the floor [m]."""
+
+    @property
+    def image(self) -> NDArray[np.uint8] | None:
+        """Of the contact."""
+
+
 def search_tray(session: TraySession, world: Presses, rng: np.random.Generator) -> TrayDecision:
     """Play a session in a world to its end; returns the decision that ended it."""
     while isinstance((decision := session.ask()).action, Press):
         x, y = session.place()
-        met = world.press(x, y, rng)
-        if met.image is None:
-            session.tell(missed=True)
-        else:
-            session.tell(met.image, met.height)
+        session.tell_met(world.press(x, y, rng))
     return decision
 
 

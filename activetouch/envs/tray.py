@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from activetouch.extras import missing_package
 from activetouch.tray.sensor import Keyed, TraySensor
-from activetouch.tray.world import TrayWorld
 from belief.naming import index_of
-from planners.tray import cover
+from planners.tray import SAME_PLACE, cover
 from planners.tray_session import TraySession, ended, is_right
 
 try:
@@ -75,8 +74,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = spaces.Box(0.0, 1.0, (2,), np.float32)
         self.observation_space = spaces.Box(0.0, 1.0, (4, *cells), np.float32)
         self._session: TraySession
-        self._world: Keyed
-        self._tray: TrayWorld
+        self._touched: Keyed
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -87,8 +85,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         labels = self.sensor.shape_labels
         given = (options or {}).get("target", self.target)
         self._index = int(self.np_random.integers(len(labels))) if given is None else index_of("target", labels, given)
-        self._tray = self.sensor.world(self._index, key)
-        self._world = Keyed(self._tray, (key, self._index, 2))
+        self._touched = self.sensor.touched(self._index, key)
         self._session = self.sensor.session(self._index, seed=(key, self._index, 1))
         return self._observed(), self._info()
 
@@ -99,16 +96,12 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         wanted = float(share[0]) * size[0], float(share[1]) * size[1]
         place = session.belief.centre(session.belief.cell_at(*wanted))
         way = float(np.hypot(place[0] - session.at[0], place[1] - session.at[1]))
-        met = self._world.press(*place, self.np_random)
-        if met.image is None:
-            session.tell(missed=True, place=place)
-        else:
-            session.tell(met.image, met.height, place=place)
+        session.tell_met(self._touched.press(*place, self.np_random), place)
         reward = -self.touch_cost * (1.0 + self.sensor.rules.travel * way)
         info, decision = self._info(), session.stopped()
         if decision is not None:
             answer, where, _ = ended(decision)
-            info["is_success"] = is_right(answer, where, self._tray.objects, self._index)
+            info["is_success"] = is_right(answer, where, self._touched.world.objects, self._index)
             reward += 0.0 if answer == "unsure" else 1.0 if info["is_success"] else -1.0
         return self._observed(), reward, decision is not None, False, info
 
@@ -125,7 +118,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         along, across = (np.arange(number) for number in belief.cells)
         for place, prob in self._session.standing.places:
             x, y = belief.cell_at(*place)
-            near = np.hypot(along[:, None] - x, across - y) * belief.table.pitch < 0.015
+            near = np.hypot(along[:, None] - x, across - y) * belief.table.pitch < SAME_PLACE
             where[near] = np.maximum(where[near], prob)
         maps = np.stack([target, others, 1.0 - belief.unmet(world), where])
         return np.clip(maps, 0.0, 1.0).astype(np.float32)

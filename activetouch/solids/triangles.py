@@ -89,12 +89,20 @@ def are_star_shaped(vertices: Floats, faces: Ints) -> bool:
     rays = (vertices - middles.T[body])[faces]
     if not (lengths := np.linalg.norm(rays, axis=2, keepdims=True)).all():
         return False
-    a, b, c = (rays / lengths).transpose(1, 0, 2)
-    volumes = np.einsum("fi,fi->f", a, np.cross(b, c))
-    cosines = 1.0 + sum(np.einsum("fi,fi->f", one, other) for one, other in ((a, b), (b, c), (c, a)))
-    angles = 2.0 * np.arctan2(volumes, cosines)  # solid, as seen from the middle (van Oosterom & Strackee 1983)
+    volumes, angles = solid_angles(rays / lengths)
     around = np.bincount(body[faces[:, 0]], angles)
     return bool((volumes > 0.0).all() and (around < 6.0 * np.pi).all())  # all around once is 4 pi
+
+
+def solid_angles(rays: Floats) -> tuple[Floats, Floats]:
+    """Triple products of unit vectors to the corners of triangles ``(f, 3, 3)``, and signed solid angles, ``(f,)``.
+
+    Source: van Oosterom & Strackee 1983.
+    """
+    a, b, c = rays.transpose(1, 0, 2)
+    volumes = np.einsum("fi,fi->f", a, np.cross(b, c))
+    cosines = 1.0 + sum(np.einsum("fi,fi->f", one, other) for one, other in ((a, b), (b, c), (c, a)))
+    return volumes, 2.0 * np.arctan2(volumes, cosines)
 
 
 def portions(counts: Ints, most: int) -> Iterator[slice]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from activetouch.errors import BadMesh
 from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
-from activetouch.solids.triangles import tetrahedra
+from activetouch.solids.triangles import solid_angles, tetrahedra
 
 NUM_TURNS = 24
 """Turns about the vertical that are told apart, by 15°."""
@@ -118,14 +118,10 @@ def _facets(hull: scipy.spatial.ConvexHull, centre: Floats) -> tuple[Floats, Flo
     keys = np.round(np.c_[hull.equations[:, :3] * 1e4, hull.equations[:, 3:] * 1e4 / size]).astype(np.int64)
     _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     group, num = group.ravel(), len(first)
-    a, b, c = (hull.points[hull.simplices] - centre).transpose(1, 0, 2)
-    lengths = [np.linalg.norm(corner, axis=1) for corner in (a, b, c)]
-    dots = [np.einsum("fi,fi->f", one, other) for one, other in ((b, c), (c, a), (a, b))]
-    across = np.abs(np.einsum("fi,fi->f", a, np.cross(b, c)))
-    below = np.prod(lengths, axis=0) + sum(dot * length for dot, length in zip(dots, lengths, strict=True))
-    angles = np.bincount(group, 2.0 * np.arctan2(across, below), num)  # van Oosterom & Strackee 1983
+    rays = hull.points[hull.simplices] - centre
+    angles = np.bincount(group, np.abs(solid_angles(rays / np.linalg.norm(rays, axis=2, keepdims=True))[1]), num)
     distances = -(hull.equations[first, :3] @ centre + hull.equations[first, 3])
-    corners = np.stack((a, b, c))
+    corners = rays.transpose(1, 0, 2)
     outer = hull.points[hull.vertices[:: len(hull.vertices) // _MOST_CORNERS + 1]] - centre
     stands = _are_lowest(outer, hull.equations[first, :3])
     for place in range(3):  # the edge opposite to a corner

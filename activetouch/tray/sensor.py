@@ -91,7 +91,7 @@ class TraySensor:
         """The pad of a named scene with its reader of any object.
 
         Args:
-            name: of the scene: gel, coarse or hard; or a folder with a trained reader of any object of that scene.
+            name: of the scene: gel, coarse or hard.
             shapes: that objects may have, as :func:`activetouch.mesh_source.read_objects` takes them; by default the
                 twelve of the scene ``many``.
             tray: the tray.
@@ -102,7 +102,7 @@ class TraySensor:
             UnknownName: there is no such sensor with a reader of any object.
         """
         path = MODELS / name / ANY_OBJECT_FILE
-        if not path.exists():
+        if name not in SCENES or not path.exists():
             known = [folder.name for folder in sorted(MODELS.iterdir()) if (folder / ANY_OBJECT_FILE).exists()]
             raise UnknownName("sensor with a reader of any object", name, known)
         return cls.of(TactileReader.load(path), SCENES[name].scene, shapes, tray, rules, strangers)
@@ -130,21 +130,25 @@ class TraySensor:
         """The labels of the shapes that it tells apart."""
         return self.scene.shape_labels
 
+    @property
+    def _contacts(self) -> ContactHypotheses:
+        """What embeds contacts."""
+        assert isinstance(self.reader.hypotheses, ContactHypotheses), "asked in __post_init__"
+        return self.reader.hypotheses
+
     @cached_property
     def table(self) -> PlaceTable:
         """What presses would meet; made at first use, and kept in the cache."""
-        assert isinstance(self.reader.hypotheses, ContactHypotheses), "asked in __post_init__"
         with announced("preparing the tray: up to two minutes the first time, then kept in the cache"):
-            return place_table(self.reader.hypotheses, self.scene)
+            return place_table(self._contacts, self.scene)
 
     @cached_property
     def outcomes(self) -> PlaceOutcomes:
         """Touches that stand for all; made at first use, and kept in the cache."""
-        hypotheses = self.reader.hypotheses
-        assert isinstance(hypotheses, ContactHypotheses), "asked in __post_init__"
-        code = hypotheses.imaging.code(sensor_state(hypotheses.imaging, self.scene))
+        reader = self._contacts
+        code = reader.imaging.code(sensor_state(reader.imaging, self.scene))
         bodies = {label: described(solid) for label, solid in self.scene.solids.items()}
-        key = {"reader": hypotheses.digest, "code": code.round(6).tolist(), "outcomes": _REFERENCES, "bodies": bodies}
+        key = {"reader": reader.digest, "code": code.round(6).tolist(), "outcomes": _REFERENCES, "bodies": bodies}
         return PlaceOutcomes(self.table, cached_array(key, self._references), self.noise.scale)
 
     def _references(self) -> Floats32:
@@ -171,17 +175,16 @@ class TraySensor:
     @cached_property
     def _bodies(self) -> Floats32:
         """Embeddings of random bodies, which stand for just some body."""
-        hypotheses = self.reader.hypotheses
-        assert isinstance(hypotheses, ContactHypotheses), "asked in __post_init__"
-        return random_views(hypotheses, hypotheses.imaging.code(sensor_state(hypotheses.imaging, self.scene)))[0]
+        reader = self._contacts
+        return random_views(reader, reader.imaging.code(sensor_state(reader.imaging, self.scene)))[0]
 
     def belief(self, target: Name) -> TrayBelief:
         """The belief before the first touch."""
         index = index_of("target", self.shape_labels, target)
         tray = self.tray
         noise = replace(self.noise, push=tray.push)
-        start = TrayBelief(self.table, tray.size, index, tray.num_objects, tray.present, noise)
-        return replace(start, unlisted=tray.unlisted)
+        prior = tray.num_objects, tray.present
+        return TrayBelief(self.table, tray.size, index, *prior, noise, unlisted=tray.unlisted)
 
     def decider(self, decider: str | TrayDecider = "information_per_cost") -> TrayDecider:
         """One of :data:`DECIDERS` by name, or a decider of one's own.
@@ -201,6 +204,11 @@ class TraySensor:
         rng = np.random.default_rng([*checked_key(seed), index])
         return TrayWorld.drawn(self.scene, self.tray, index, rng, self.strangers)
 
+    def touched(self, target: Name, seed: int | Sequence[int] = 0) -> Keyed:
+        """:meth:`world`, whose presses have the chance of the search with this target and seed."""
+        index = index_of("target", self.shape_labels, target)
+        return Keyed(self.world(index, seed), (*checked_key(seed), index, 2))
+
     def session(
         self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
     ) -> TraySession:
@@ -216,10 +224,11 @@ class TraySensor:
         """
         key = checked_key(seed)
         index = index_of("target", self.shape_labels, target)
-        world = self.world(index, key)
+        touched = self.touched(index, key)
+        world = touched.world
         lay = tuple((world.labels[one.shape], float(one.place[0]), float(one.place[1])) for one in world.objects)
         session = self.session(index, decider, (*key, index, 1))
-        decision = search_tray(session, Keyed(world, (*key, index, 2)), np.random.default_rng(0))
+        decision = search_tray(session, touched, np.random.default_rng(0))
         answer, place, stated = ended(decision)
         is_there = any(one.shape == index for one in world.objects)
         success = is_right(answer, place, world.objects, index)

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from activetouch.tray.sensor import Keyed
 from activetouch.tray.world import Lying, TrayWorld
-from belief.tray import PlaceTouch, TrayBelief
+from belief.tray import TrayBelief
 from experiments.report import INK, PALETTE, Picture
 from experiments.search.drawer.searches import Searches
 from planners.tray_session import TrayEpisode
@@ -65,14 +64,10 @@ def target_map(belief: TrayBelief) -> Any:
 def believed(searches: Searches, episode: TrayEpisode, number: int) -> TrayBelief:
     """The belief after a number of touches of a search, from its record and its tray."""
     sensor = searches.made()
-    world, belief = world_of(searches, episode), sensor.belief(episode.target)
-    index = sensor.shape_labels.index(episode.target)
-    keyed = Keyed(world, (*episode.seed, index, 2))
+    touched, session = sensor.touched(episode.target, episode.seed), sensor.session(episode.target)
     for step in episode.steps[:number]:
-        met = keyed.press(*step.place, np.random.default_rng(0))
-        read = (None, None) if met.image is None else sensor.read(met.image)
-        belief = belief.update(PlaceTouch(belief.cell_at(*step.place), met.height, *read))
-    return belief
+        session.tell_met(touched.press(*step.place, np.random.default_rng(0)), step.place)
+    return session.belief
 
 
 def _draw(searches: Searches, decider: str, episode: TrayEpisode, axes: Axes) -> None:

@@ -55,6 +55,15 @@ from planners.search import Identification
 RULES = {"num_objects": 3, "composition": "at_most_one"}
 PLAN, FEW, EFFORT = ViewPlan(12, 4), ViewPlan(4, 4), Effort()
 GLANCE = CloseLook(proposed=3, divided=2)  # where it does not count how close a look is
+TWO_SEARCHES = {
+    "num_objects": 2,
+    "num_searches": 2,
+    "jobs": 1,
+    "plan": PLAN,
+    "levels": (0, 1),
+    "look": GLANCE,
+    "pressed": 4,
+}
 POSES = np.array(list(POSE_SETS["directions26"].values()))
 
 
@@ -355,15 +364,7 @@ def test_touches_go_on_until_it_is_known_how_an_object_lies(folder, tmp_path):
 
 
 def test_find_plays_every_decider_of_compare_and_its_run_can_be_continued(folder, tmp_path, capsys):
-    small = {
-        "num_objects": 2,
-        "num_searches": 2,
-        "jobs": 1,
-        "plan": PLAN,
-        "levels": (0, 1),
-        "look": GLANCE,
-        "pressed": 4,
-    }
+    small = dict(TWO_SEARCHES)
     players = ["information_gain", "shape_information_gain", "value_of_information", "point_based", "threshold"]
     with pytest.warns(MeshWarning, match="broken"):
         found = find(folder, "cube", deciders=[*players, "random_confirm", "random_poses"], out=tmp_path, **small)
@@ -415,16 +416,7 @@ def test_searches_among_many_meshes_are_certified(folder, sensor):
     rules = {"risk": 0.5, "searches": 24, "targets": "cube", "num_objects": 2, "composition": "at_most_one", "jobs": 1}
     rules["max_touches"] = 3
     certificate = certify(NamedScene(sensor.scene), sensor=sensor, **rules)
-    small = {
-        "num_objects": 2,
-        "num_searches": 2,
-        "jobs": 1,
-        "plan": PLAN,
-        "levels": (0, 1),
-        "look": GLANCE,
-        "pressed": 4,
-    }
-    small |= {"unlisted": 0.0}
+    small = {**TWO_SEARCHES, "unlisted": 0.0}
     found = find(folder, "cube", certificate=certificate, **small)
     assert found.comparison.deciders == ["information_gain", "certified information_gain"]
     with pytest.raises(NotCertified, match="num_objects=3"):
