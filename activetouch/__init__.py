@@ -1,6 +1,6 @@
 """The simulated world: shapes pressed against a tactile pad, the tactile images, and the network that classifies them.
 
-Importing this package registers the Gymnasium environments where Gymnasium is installed (decision 0025); it does not
+Importing this package registers the Gymnasium environments where Gymnasium is installed (decision 0001); it does not
 load MuJoCo or torch. The sensor with its observation models, and the functions ``compare`` and ``make_sensor`` of the
 package ``experiments`` (decision 0034), are loaded at first use.
 """

@@ -215,7 +215,7 @@ class Scene:
         return None if found is None else found.beside(shape)
 
     def with_surroundings(self, full: bool = True, menagerie: Path | None = None) -> Scene:
-        """The scene in the paper's world, whose touches are the same to the last bit (decision 0113).
+        """The scene in the paper's world, whose touches are the same to the last bit (decision 0013).
 
         Args:
             full: whether to simulate a finger behind the pad, and the other objects, parked on their guides.
@@ -363,7 +363,7 @@ class Scene:
     ) -> PressedObject:
         """Press an object in a pose: place it, press it, render the contact, and read the image out.
 
-        A press that does not settle is repeated with another offset and force from the same generators (decision 0020).
+        A press that does not settle is repeated with another offset and force from the same generators (decision 0003).
 
         Args:
             obj: the object.

@@ -10,7 +10,7 @@ There are five reasons. The scores of the decision name the one that applied:
   happens at a maximum number of touches.
 - ``is_suspicious``: the decider would answer while the conflict test, without an alarm yet, makes it doubtful that the
   sensor knows this world. An answer is right with its stated probability in the sensor's own world only
-  (decision 0061).
+  (decision 0004).
 - ``is_unlisted``: the decider would answer, below the promise, because the object has probably none of the listed
   shapes. More touches make it more certain that it has none, and never a better answer.
 - ``is_cut_off``: the decider would touch once more, and the touch limit of the search forbids it.

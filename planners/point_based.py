@@ -13,7 +13,7 @@ touch's information that a repeat adds:
     Q(p) = -λ + w_p ∑_o p(o | b, p) V_{t+1}(b_o) + (1 - w_p) V_{t+1}(b)
 
 With ``given="body"`` and a belief about one rigid body, p(o | b, p) is that of the next touch given the touches so far,
-which tells more than a first touch: how the object lies is then partly known (decision 0059).
+which tells more than a first touch: how the object lies is then partly known (decision 0019).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class PointBased:
     """Follows a policy of point-based value iteration, solved in one to four seconds when a search is first seen.
 
     ``rounds`` are numbers of simulated searches. ``given`` is "shape" for the outcome table of first touches, or "body"
-    for the outcomes that the evidence predicts, where it is about one rigid body (decision 0059).
+    for the outcomes that the evidence predicts, where it is about one rigid body (decision 0019).
     """
 
     table: OutcomeTable
@@ -145,7 +145,7 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     """A search with known counts of shapes as stages of 2K hidden states.
 
     States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected.
-    Rejections do not change the probabilities of the other shapes here; in the belief they do (decision 0026).
+    Rejections do not change the probabilities of the other shapes here; in the belief they do (decision 0019).
     """
     from planners.continuation_value import shapes_ahead
 

@@ -1,7 +1,7 @@
 """Probe selectors: rules that choose the next pose; and the best fixed order, how it is found and kept in a file.
 
 Touches of one object in one pose are correlated, so a table of single touches overstates the information of a repeat.
-:func:`repeat_discount` takes the discount of repeats from the observation model (decision 0021).
+:func:`repeat_discount` takes the discount of repeats from the observation model (decision 0002).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class RepeatDiscount:
 
     The weight of the n-th touch is the difference of
     :func:`~belief.observation_model.repeat_discount.effective_touches` for n and n - 1 touches. Without a correlation,
-    only the least used poses are allowed (decision 0006).
+    only the least used poses are allowed (decision 0019).
     """
 
     correlation: Probability | None = None

@@ -25,7 +25,7 @@ class PosteriorThresholds:
 
     The last object is confirmed without a touch if some object must be a target, because rejecting it always fails.
 
-    A low prior alone rejects nothing (decision 0075): an object is rejected by evidence, from its own touches or those
+    A low prior alone rejects nothing (decision 0019): an object is rejected by evidence, from its own touches or those
     of other objects.
 
     Attributes:
@@ -68,7 +68,7 @@ class PosteriorThresholds:
 
 
 def share_of_threshold(prior_prob: float) -> float:
-    """Factor of a threshold of rejection for a low prior of the target, in [0, 1] (decision 0075)."""
+    """Factor of a threshold of rejection for a low prior of the target, in [0, 1] (decision 0019)."""
     return min(prior_prob / _LOW_PRIOR, 1.0)
 
 
@@ -107,7 +107,7 @@ class ThresholdRule:
 
     The rule confirms when the target's probability exceeds ``high`` in ``num_consecutive`` frames in a row, and rejects
     when it is below ``low`` in the latest frame. The paper gives no values for the thresholds, and it does not say what
-    happens at the maximum number of contacts; there, this rule rejects the object (decision 0005).
+    happens at the maximum number of contacts; there, this rule rejects the object (decision 0031).
 
     Attributes:
         high, low: thresholds on the classifier's softmax, without calibration; 0 ≤ low ≤ high ≤ 1.

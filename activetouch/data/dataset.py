@@ -4,7 +4,7 @@ A :class:`CollectionPlan` says how many objects each split has. Every object is 
 round, and draws from a generator keyed by (seed, split, object), so a shard's bytes depend on plan and scene alone: not
 on how many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
 
-Where a press does not settle, another object of the shape takes the place of the one that was pressed (decision 0020).
+Where a press does not settle, another object of the shape takes the place of the one that was pressed (decision 0003).
 A shard is read as arrays of numbers only, never unpickled, and is used only if it is sound and holds the touches that
 the plan puts there.
 """

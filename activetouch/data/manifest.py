@@ -38,7 +38,7 @@ class CollectionPlan(Checked):
 
     ``repeats`` is the number of rounds of all poses for each object. One round teaches a classifier most for the time;
     only several show how far touches of one object in one pose repeat each other. The first round does not depend on
-    how many follow, unless a press of a later one does not settle (decision 0020). ``seed`` is in ``[0, 2³²)``.
+    how many follow, unless a press of a later one does not settle (decision 0003). ``seed`` is in ``[0, 2³²)``.
     """
 
     train: Word = 2700

@@ -60,8 +60,8 @@ class ObjectTestEnv(ObjectSearchEnv):
         target: label of the target shape, "cone" by default; or None to draw it at reset, uniformly.
         touch_cost: λ.
         touch_limit: T_max.
-        target_prob: prior of the target (decision 0030); or a range such as ``(0.05, 0.95)``, from which every episode
-            draws its own (decision 0024).
+        target_prob: prior of the target (decision 0031); or a range such as ``(0.05, 0.95)``, from which every episode
+            draws its own (decision 0031).
         touches: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
         render_mode: None, "rgb_array", or "human", a window that follows the episode.
         state: "paper", "posterior" or "gains".

@@ -23,7 +23,7 @@ class BankVecEnv(VecEnv):
     """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners of Stable-Baselines3.
 
     When an episode ends, its ``info`` has ``episode`` (shaped return, length), ``is_success`` and SB3's own keys.
-    Truncation counts as termination: T_max is part of the task and of the state (decision 0032).
+    Truncation counts as termination: T_max is part of the task and of the state (decision 0031).
 
     Args:
         episodes: the episodes.

@@ -81,7 +81,7 @@ class SampledTouches:
 
 
 TargetProb: TypeAlias = float | tuple[float, float]
-"""Prior probability of the target; or a range, from which every test draws its own, uniformly (decision 0024)."""
+"""Prior probability of the target; or a range, from which every test draws its own, uniformly (decision 0031)."""
 
 
 @dataclass(frozen=True)

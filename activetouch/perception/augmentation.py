@@ -56,7 +56,7 @@ def worn(images: Tensor, gain: float, noise: float, dead: float, taxels: int, ch
     1 ± ``gain``. Noise with a standard deviation of up to ``noise``, relative to full scale, is added to each taxel,
     the readings are clipped, and a share of up to ``dead`` reads zero. Each changed image has its own gain, noise and
     share. A reader that learns from such images loses little on a pad in its original state, and far less than others
-    on a pad that is worn or of another stiffness (decision 0070).
+    on a pad that is worn or of another stiffness (decision 0063).
     """
     chosen = torch.nonzero(torch.rand(len(images), generator=chance) < 0.5)[:, 0]
     pixels = images[chosen].float()[..., None]

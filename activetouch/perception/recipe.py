@@ -99,7 +99,7 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
             patience=3,
         ),
         "contrast": _CONTRAST,
-        # Half of the images look as those of a worn pad (decisions 0070 and 0071).
+        # Half of the images look as those of a worn pad (decision 0063).
         "worn": replace(_CONTRAST, epochs=24, patience=24, optimizer="muon", gain=0.4, noise=0.04, dead=0.25),
     }
 )

@@ -31,7 +31,7 @@ class SteppedPress(Press):
     """A press whose motion is simulated in MuJoCo on a rigid pad with a soft contact.
 
     Without a trace, the simulation begins shortly before the first contact, in the state that the approach from
-    ``start`` leads to (decision 0044).
+    ``start`` leads to (decision 0003).
     """
 
     moves: ClassVar[bool] = True

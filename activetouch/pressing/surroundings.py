@@ -1,7 +1,7 @@
 """What stands around pad and object in the paper's world (§5.1, §5.2): a table, a finger, parked objects, a robot.
 
 MuJoCo simulates its joints and servos in every step. It meets nothing, and the pad stays fixed in the world, so that
-touches are the same to the last bit and only take longer (decision 0113).
+touches are the same to the last bit and only take longer (decision 0013).
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ temperature scaling. Features are standardised by their spread within labels.
 Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
 structured matrix, which learns the labels' shares, or a temperature with more than 30 labels, and for categories and
 shapes: the touches of an object err alike, so that a matrix learns from a few objects of each. The ratios are without
-the shares. What correlations are fitted to is calibrated by other sessions (decision 0073).
+the shares. What correlations are fitted to is calibrated by other sessions (decision 0042).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Calibration of a classifier's probabilities.
 
-The default is :class:`StructuredMatrixScaling` (decision 0022): with few touches it equals temperature scaling, with
+The default is :class:`StructuredMatrixScaling` (decision 0002): with few touches it equals temperature scaling, with
 many it also corrects confusions of single shapes. :class:`PerPose` fits one calibration per pose, with
 shrinkage.
 """

@@ -4,7 +4,7 @@ r"""The default observation model: calibrated posterior divided by the training 
 
 No density over images or logits is needed. Touches of one object in *different* poses are treated as independent given
 the shape. n touches in *one* pose count as n / (1 + (n - 1) ρ) touches with their mean log ratio, where ρ is fitted to
-objects that were touched repeatedly (decision 0021).
+objects that were touched repeatedly (decision 0002).
 """
 
 from __future__ import annotations

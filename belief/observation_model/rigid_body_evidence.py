@@ -136,7 +136,7 @@ class RigidBodyEvidence:
         """See :class:`~belief.observation_model.evidence.WeighsStrangers`.
 
         A stranger looks familiar from each side, but its sides do not fit one body. So the likelihood ratio of an
-        unlisted shape is the e-value of the bets of the conflict test on a high misfit alone (decision 0057).
+        unlisted shape is the e-value of the bets of the conflict test on a high misfit alone (decision 0107).
         """
         if self.conflict is None:
             raise InvalidArgument(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from collections.abc import Iterable
@@ -44,6 +45,7 @@ def generated() -> dict[str, str]:
     made |= {f"worlds/{name}.md": _world(name) for name in SCENES}
     made["reference/commands.md"] = _commands()
     made["reference/environments.md"] = _environments()
+    made["reference/layout.md"] = _layout()
     made |= {f"reference/api/{name.replace(' ', '_')}.md": _api(name, modules) for name, modules in API.items()}
     made["decisions/index.md"] = _decisions()
     return made
@@ -180,7 +182,7 @@ sensor = TactileSensor.shipped("{name}")
 {figure}
 
 `activetouch touch --all --seed 4 --out docs/gallery.png` draws it.
-[All scenes](../scenes.md), [results](../results.md).
+[All scenes](../world.md#scenes), [results](../results.md).
 """
 
 
@@ -208,6 +210,18 @@ def _environments() -> str:
     return "\n".join(["# Environments, from the code", "", first, "", words, "", *lines])
 
 
+def _layout() -> str:
+    rows = []
+    for package in ("belief", "planners", "activetouch", "experiments"):
+        for folder in sorted({file.parent for file in (ROOT / package).rglob("*.py")}):
+            text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))) or ""
+            rows.append((f"`{folder.relative_to(ROOT).as_posix()}/`", _plain(text.partition("\n")[0])))
+    words = (
+        "Each folder holds one thing that a user does or one part of the method. [How they depend](../architecture.md)."
+    )
+    return f"# Layout, from the code\n\n{words}\n\n{table(('folder', 'contents'), rows)}\n"
+
+
 def _commands() -> str:
     lines, classes = ["# Commands, from the code", ""], commands()
     for group, entries in COMMAND_GROUPS.items():
@@ -233,8 +247,23 @@ def _api(name: str, modules: Iterable[str]) -> str:
 
 def _decisions() -> str:
     rows = []
-    for path in sorted((ROOT / "docs/decisions").glob("0*.md")):
+    for number, path in sorted(records_of_decisions().items()):
         title = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
-        rows.append((path.name[:4], f"[{re.sub(r'^[0-9]{4}[.:]? *', '', title)}]({path.name})"))
-    words = "What was chosen and why. [What was tried](../what_was_tried.md) has a line for each of the others."
+        rows.append((number, f"[{re.sub(r'^[0-9]{4}: *', '', title)}]({path.name})"))
+    words = (
+        "What was chosen and why. A record may hold several decisions on one subject; each number leads to its record. "
+        "`git show 1784ad92:docs/decisions/` has the longer records of the time of each decision."
+    )
     return f"# Decisions\n\n{words}\n\n{table(('', ''), rows)}\n"
+
+
+def records_of_decisions() -> dict[str, Path]:
+    """The record of each decision, by number: that of its file, and those of its line "Also decisions"."""
+    found = {}
+    for path in sorted((ROOT / "docs/decisions").glob("0*.md")):
+        also = re.search(r"^Also decisions? (.*)\.$", path.read_text(encoding="utf-8"), re.M)
+        for number in (path.name[:4], *(also[1].split(", ") if also else ())):
+            if number in found:
+                raise ValueError(f"decision {number} is in {found[number].name} and in {path.name}")
+            found[number] = path
+    return found

@@ -31,8 +31,8 @@ DEVIATIONS = (
     "Objects differ in size by ±10 %, so that a split by object is possible. Each press has a new orientation.",
     "Table 2 does not use the classifier of Table 1 but the scene's own, trained on six poses of tumbled objects and "
     "split by object.",
-    "We chose the thresholds of the manual rule and its action at the maximum of contacts (decision 0005), and PPO's "
-    "settings and the meaning of its β (decision 0031).",
+    "We chose the thresholds of the manual rule and its action at the maximum of contacts, and PPO's settings and the "
+    "meaning of its β (decision 0031).",
     "All four shapes are targets. The paper names three in one place and four in another.",
     "Figure 3(a) is the classifier of Table 1 that was split by image.",
 )

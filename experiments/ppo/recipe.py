@@ -69,5 +69,5 @@ PPO_RECIPES: Mapping[str, PPORecipe] = MappingProxyType(
         "goal": replace(_POSTERIOR, state="goal", steps=100_000),
     }
 )
-"""Recipes by name of the state: the paper's state and shaping; the posterior at many priors (decision 0024); the gains
-of all poses and the posterior; the same with the target, for one policy of all targets (decision 0058)."""
+"""Recipes by name of the state: the paper's state and shaping; the posterior at many priors (decision 0031); the gains
+of all poses and the posterior; the same with the target, for one policy of all targets (decision 0031)."""

@@ -1,1 +1,1 @@
-"""Comparisons of deciders on live searches: ``compare``, ``merge``, ``replay``, ``export`` and ``overprobing``."""
+"""Comparisons of deciders on live searches: ``compare``, ``replay`` and ``export``."""
