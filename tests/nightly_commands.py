@@ -18,7 +18,7 @@ import pytest
 import trimesh
 
 from activetouch import TactileSensor
-from tests.test_docs_commands import METHOD, PAGES, ROOT, command_lines, shell_lines
+from tests.test_docs_commands import METHOD, PAGES, PAPER_METHOD, ROOT, command_lines, shell_lines
 
 SMALLER = {
     "compare": {"--episodes": 4},
@@ -55,7 +55,7 @@ if find_spec("ap_gym") is None:
 def commands(page: str) -> list[str]:
     """Lines of the shell blocks of a page, without comments."""
     lines = [re.sub(r"\s+# .*", "", line).strip() for line in shell_lines((ROOT / page).read_text())]
-    if page == "docs/reproduction.md":
+    if page == PAPER_METHOD:
         lines += [line for *_, cell in METHOD for line in command_lines(cell)]
     return [line for line in dict.fromkeys(lines) if line and line != "activetouch reproduce"]  # its parts are run
 

@@ -33,6 +33,15 @@ def test_every_decider_and_every_scene_is_described(made, page):
     assert "Not described yet" not in made[page]
 
 
+def test_the_layout_says_of_every_folder_of_the_packages_what_is_in_it(made):
+    rows = dict(re.findall(r"^\| `([\w/]+)/` \| (.*) \|$", made["reference/layout.md"], re.M))
+    packages = ("belief", "planners", "activetouch", "experiments")
+    root = DOCS.parent
+    with_code = {file.parent.relative_to(root).as_posix() for name in packages for file in (root / name).rglob("*.py")}
+    assert set(rows) == with_code
+    assert all(text.endswith((".", ",")) and len(text) > 20 for text in rows.values()), rows
+
+
 @pytest.mark.parametrize("name", sorted(NEED_FILES))
 def test_the_code_on_the_page_of_a_decider_with_files_runs(made, name):
     [code] = re.findall(r"```python\n(.*?)```", made[f"deciders/{name}.md"], flags=re.S)

@@ -1,5 +1,7 @@
 """Fill tables of the pages about results, calibration, changed worlds, perception, speed, the paper and real touches.
 
+Pages show a part of the long tables; ``records/tables`` has all of them, and ``records/submissions`` the scoreboard.
+
 Run: python docs/generate/tables.py
 
 They are filled from the files in records/ that the commands wrote. A test checks that the pages hold what this writes.
@@ -11,6 +13,7 @@ import csv
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -58,11 +61,25 @@ _BASELINE = "information_gain"
 _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 
+SHOWN = (
+    *("as trained", "noise × 2", "6 % stuck at full scale", "shifted by 1 taxel"),
+    *("cylinder twice as long", "stiffness × 0.4", "force 0.3 to 1 N"),
+)
+"""Conditions of the page."""
+
+
 def robustness(page: str) -> str:
-    """The page with its tables of all scenes, and that of searches among unknown objects."""
+    """The page with its table of some conditions of three scenes."""
+    conditions = [read_record(f"robustness/{scene}")["conditions"] for scene in ("gel", "coarse", "hard")]
+    rows = [_row(name, *(_stops(found.get(name)) for found in conditions)) for name in SHOWN]
+    return _with_rows(page, "## What is stated", rows)
+
+
+def all_worlds(page: str) -> str:
+    """The tables of all conditions and scenes, of all states of sensors, and of searches among unknown objects."""
     records = {scene: read_record(f"robustness/{scene}") for scene in SHIFTED}
     conditions = list(dict.fromkeys(name for record in records.values() for name in record["conditions"]))
-    for beginning, cell in (("## What is stated", _stops), ('## "I do not know"', _answers)):
+    for beginning, cell in (("## Stated and right", _stops), ("## Wrong and unsure", _answers)):
         rows = [
             _row(name, *(cell(record["conditions"].get(name)) for record in records.values())) for name in conditions
         ]
@@ -73,8 +90,8 @@ def robustness(page: str) -> str:
             first = found["knows of strangers"]
             cells = (f"{_interval(some)}, {some['wrong'][0]:.3f}, {some['touches']:.1f}" for some in found.values())
             among.append(_row(f"`{scene}`, {first['number']} searches", *cells, f"{first['no_touch']:.2f}"))
-    page = _with_rows(page, "## A sensor that finds out", [_row(name, *_health(name)) for name in INFERRED])
-    return _with_rows(page, "**Searches among unknown objects.**", among)
+    page = _with_rows(page, "## Unknown objects", among)
+    return _with_rows(page, "## Unknown states", [_row(name, *_health(name)) for name in INFERRED])
 
 
 def health_of(scene: str, world: str, sensor: str) -> dict[str, str] | None:
@@ -97,7 +114,7 @@ def _health(world: str) -> Iterator[str]:
 
 
 def perception(page: str) -> str:
-    """The page with its tables of several touches of one body, hypotheses and networks."""
+    """The tables of several touches of one body, hypotheses and networks."""
     rows = []
     for scene in TOUCHED:
         record = read_record(f"perception/several-touches-{scene}")
@@ -138,11 +155,11 @@ def results(page: str) -> str:
 
 
 def calibration(page: str) -> str:
-    """The page with its tables of two sensors."""
+    """The tables of single touches and of sequences, of two sensors."""
     single, sequences = [], []
     for sensor, (record, models) in CALIBRATED.items():
         name = f"calibration/{record}.txt"
-        tables, link = dict(_markdown((RECORDS / name).read_text())), f"[`{sensor}`](../records/{name})"
+        tables, link = dict(_markdown((RECORDS / name).read_text())), f"[`{sensor}`](../{name})"
         before, *others = next(rows for title, rows in tables.items() if title.startswith("Single touches"))
         after = next(row for row in others if row["calibration"].endswith(_CHOSEN))
         chosen = after["calibration"].removesuffix(_CHOSEN).replace("_", " ")
@@ -152,8 +169,8 @@ def calibration(page: str) -> str:
         for kind in ("distinct poses", "one pose", "random poses"):
             for model in models[: 1 if kind == "distinct poses" else 2]:
                 sequences.append(_row(link, kind, model, *_sequences(tables, kind, model)))
-    page = _with_rows(page, "A single touch, 72 000 of them", single)
-    return _with_rows(page, "Several touches, and at stopping", sequences)
+    page = _with_rows(page, "## Single touches", single)
+    return _with_rows(page, "## Several touches, and at stopping", sequences)
 
 
 def tradeoff(page: str) -> str:
@@ -195,7 +212,7 @@ def reproduction(page: str) -> str:
 
 
 def real_touch(page: str) -> str:
-    """The page with its table of touches until an object is named."""
+    """The table of touches until an object is named."""
     rows = []
     for name, splits in NAMED.items():
         found = read_record(f"real_touch/{name}")["tables"]["identification"]
@@ -209,7 +226,7 @@ def real_touch(page: str) -> str:
             )
             gained = "**{}** [{}".format(*gain[0].split(" [")) if "cy101" in name else gain[0]
             rows.append(_row(words, chance[0], fixed[0], gained, plan[0], *saved, bound, right))
-    return _with_rows(page, "### Touches until an object is named", rows)
+    return _with_rows(page, "## Touches until an object is named", rows)
 
 
 _ORDERS = ("random order", "best fixed order", "information gain", "point-based")
@@ -227,37 +244,53 @@ NAMED = {  # splits of the record, and what the page calls them
 
 
 def benchmark(page: str) -> str:
-    """The page with its tables of the tasks, with a baseline, and of all submissions."""
-    entries = check(sorted((RECORDS / "submissions").glob("*/*.gz")), share=0.0)
-    assert not [entry for entry in entries if entry.faults], entries
-    shown = [table for table in submission_tables(entries) if table.name.endswith("_results")]
-    by_task = {table.name.removesuffix("_results"): table.records() for table in shown}
+    """The page with its table of the tasks, with a baseline."""
+    entries, by_task = _submissions()
     own = {one.submission.header.task: one for one in entries if one.submission and one.name == _BASELINE}
-    rows, tasks = [], []
+    tasks = []
     for card in Card.every():
-        found = {row["agent"]: row for row in by_task[card.name]}
-        base, elapsed = found[_BASELINE], own[card.name].submission.header.elapsed
+        base, elapsed = by_task[card.name][_BASELINE], own[card.name].submission.header.elapsed
         success = interval(base["success"], base["success_low"], base["success_high"])
         cells = (success, f"{base['touches']:.2f}", f"{base['return']:.3f}", f"{card.bound:.3f}", f"{elapsed:.0f} s")
         tasks.append(_row(f"`{card.name}`", card.summary, str(len(card.sought) * card.episodes), *cells))
+    return _with_rows(page, "## Tasks", tasks)
+
+
+def scoreboard(page: str) -> str:
+    """The table of all submissions."""
+    rows = []
+    for task, found in _submissions()[1].items():
         for name, row in found.items():
             success = interval(row["success"], row["success_low"], row["success_high"])
             returned = interval(row["return"], row["return_low"], row["return_high"])
             cells = (row["group"], success, f"{row['touches']:.2f}", returned, f"{row['to_bound']:.3f}")
-            rows.append(_row(f"`{card.name}`", f"`{name}`", *cells, f"{row['ms']:.1f}"))
-    return _with_rows(_with_rows(page, "## Tasks", tasks), "## Scoreboard", rows)
+            rows.append(_row(f"`{task}`", f"`{name}`", *cells, f"{row['ms']:.1f}"))
+    return _with_rows(page, "# Scoreboard", rows)
+
+
+@cache
+def _submissions() -> tuple[list[Any], dict[str, dict[str, Any]]]:
+    """All submissions, and the rows of their results by task and agent."""
+    entries = check(sorted((RECORDS / "submissions").glob("*/*.gz")), share=0.0)
+    assert not [entry for entry in entries if entry.faults], entries
+    shown = [table for table in submission_tables(entries) if table.name.endswith("_results")]
+    by_task = {table.name.removesuffix("_results"): table.records() for table in shown}
+    return entries, {card.name: {row["agent"]: row for row in by_task[card.name]} for card in Card.every()}
 
 
 PAGES = {
-    "robustness.md": robustness,
-    "perception.md": perception,
-    "calibration.md": calibration,
-    "results.md": results,
-    "tradeoff.md": tradeoff,
-    "reproduction.md": reproduction,
-    "real_touch.md": real_touch,
-    "benchmark.md": benchmark,
+    "docs/robustness.md": robustness,
+    "records/tables/robustness.md": all_worlds,
+    "records/tables/perception.md": perception,
+    "records/tables/calibration.md": calibration,
+    "docs/results.md": results,
+    "records/tables/tradeoff.md": tradeoff,
+    "docs/reproduction.md": reproduction,
+    "records/tables/real_touch.md": real_touch,
+    "docs/benchmark.md": benchmark,
+    "records/submissions/README.md": scoreboard,
 }
+"""What fills each page, by its path."""
 
 
 _TARGETS = ("sphere", "cube", "cylinder", "cone")
@@ -433,13 +466,15 @@ def _with_rows(page: str, beginning: str, rows: list[str]) -> str:
     """The page with other rows in the first table after some words."""
     line = re.compile(r"^\|[-:| ]+\|\n", re.M).search(page, page.index(beginning))
     assert line is not None, beginning
-    return page[: line.end()] + "\n".join(rows) + page[page.index("\n\n", line.end()) :]
+    end = page.find("\n\n", line.end())
+    return page[: line.end()] + "\n".join(rows) + (page[end:] if end >= 0 else "\n")
 
 
 def main() -> None:
     """Write the pages."""
     for name, filled in PAGES.items():
-        (DOCS / name).write_text(filled((DOCS / name).read_text()))
+        page = RECORDS.parent / name
+        page.write_text(filled(page.read_text()))
 
 
 if __name__ == "__main__":
