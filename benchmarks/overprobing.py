@@ -1,6 +1,11 @@
 """Touches of the deciders of a comparison after the posterior was certain (paper §7.2).
 
 Run: python -m benchmarks.overprobing runs/compare
+
+The table counts the objects whose posterior was certain at some touch: 0.95 that the object is the target, or that it
+is not. Touches after: their mean number after the first with a certain posterior. Touched again, revised: fractions of
+these objects that were touched again, and of which a later touch made the posterior uncertain again. First wrong,
+wrong: fractions for which a decision at the first certain posterior, and the final decision, was wrong or not made.
 """
 
 from __future__ import annotations

@@ -44,7 +44,6 @@ NAV: dict[str, list[str]] = {
         "philosophy.md",
         "world.md",
         "perception.md",
-        "likelihood.md",
         "calibration.md",
         "certificate.md",
         "planners.md",
@@ -61,13 +60,12 @@ NAV: dict[str, list[str]] = {
         "ppo.md",
         "drive_a_robot.md",
         "real_touch.md",
-        "formats.md",
         "train_a_sensor.md",
         "scale.md",
         "paper_figures.md",
         "contributing.md",
     ],
-    "Reference": ["commands.md", "session_log.md", "columns.md", "scenes.md", "glossary.md"],
+    "Reference": ["commands.md", "session_log.md", "columns.md", "glossary.md"],
     "Results": [
         "results.md",
         "benchmark.md",
@@ -80,7 +78,7 @@ NAV: dict[str, list[str]] = {
 }
 """Pages under each tab; generated pages are added to them."""
 BOOSTS = {
-    **dict.fromkeys(("decisions/", "what_was_tried.md", "roadmap.md", "changelog.md"), 0.1),
+    **dict.fromkeys(("decisions/", "changelog.md"), 0.1),
     **dict.fromkeys(("reference/", "gallery", "reproduction.md", "deciders/", "worlds/"), 0.3),
 }
 """Factors of pages in searches, by the beginning of their names: what explains comes before what lists and records."""
@@ -144,6 +142,7 @@ def on_config(config: Any) -> Any:
                 *NAV["Reference"],
                 "reference/commands.md",
                 "reference/environments.md",
+                "reference/layout.md",
                 {"Deciders": deciders},
                 {"Scenes": worlds},
                 {"API": api},
@@ -153,8 +152,6 @@ def on_config(config: Any) -> Any:
         {
             "Decisions": [
                 "decisions/index.md",
-                "what_was_tried.md",
-                "roadmap.md",
                 "changelog.md",
                 {"Records": [{"All records": records}]},
             ]
