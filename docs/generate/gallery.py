@@ -76,10 +76,10 @@ def page() -> str:
         "",
     ]
     for script in scripts():
-        first, paragraph = description(script)
+        first, _ = description(script)
         name = script.stem
-        lines += [f"## {title(script)}", "", f"![{first}](gallery/{name}.png)", ""]
-        lines += [f"**{first}** {paragraph}", "", f"[`examples/gallery/{name}.py`](../examples/gallery/{name}.py)", ""]
+        lines += [f"## [{title(script)}](../examples/gallery/{name}.py)", ""]
+        lines += [f"![{title(script)}](gallery/{name}.png)", "", first, ""]
     return "\n".join(lines)
 
 
