@@ -123,5 +123,6 @@ def test_what_people_type_leads_to_pages_that_are_there(monkeypatch):
     for module in ("hooks", "pages", "shelves", "gallery", "notebooks"):
         monkeypatch.delitem(sys.modules, module, raising=False)
     assert len(hooks.QUERIES) >= 8
-    for page in {*hooks.WORDS, *(f"{place.rstrip('/')}.md" for place in hooks.QUERIES.values())}:
+    targets = [*hooks.QUERIES.values(), *(new.partition("#")[0] for new in hooks.MOVED.values() if "#" in new)]
+    for page in {*hooks.WORDS, *(f"{place.rstrip('/')}.md" for place in targets)}:
         assert (DOCS / page).exists(), page

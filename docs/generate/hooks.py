@@ -27,6 +27,13 @@ from notebooks import LINK, NOTEBOOKS, REPOSITORY  # noqa: E402
 
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
+MOVED = {
+    "likelihood": "your_classifier/#from-softmax-to-likelihood",
+    "scenes": "world/#scenes",
+    "roadmap": "limits/#what-comes-next",
+    "what_was_tried": "decisions/",
+}
+"""Where pages of earlier versions went; their addresses lead there."""
 NAV: dict[str, list[str]] = {
     "Start": [
         "index.md",
@@ -170,6 +177,10 @@ def on_files(files: Any, config: Any) -> Any:
         figure = f"![{first}]({script.stem}.png)" if (gallery.FIGURES / f"{script.stem}.png").exists() else ""
         made[f"gallery/{script.stem}.md"] = f"# {title}\n\n{paragraph}\n\n{figure}\n\n```python\n{code}```\n"
     made |= {f"{name}.ipynb": notebooks.notebook(ROOT / f"docs/{name}.md") for name in NOTEBOOKS}
+    made |= {
+        f"{old}/index.html": f'<!doctype html><meta http-equiv="refresh" content="0; url=../{new}">'
+        for old, new in MOVED.items()
+    }
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
     return files
