@@ -13,10 +13,11 @@ import pytest
 
 from belief.codec import to_fields
 from belief.errors import ActiveTouchError, BrokenContract, UnknownName
+from belief.statistics import paired_bootstrap
 from experiments.command_line.arguments import BadArgument
 from experiments.search.benchmark import cards, hidden
 from experiments.search.benchmark.cards import Card
-from experiments.search.benchmark.checking import Recorded, check, groups, tables
+from experiments.search.benchmark.checking import Recorded, _resampled_means, check, groups, tables
 from experiments.search.benchmark.command import Benchmark, Refused
 from experiments.search.benchmark.hidden import HiddenSeeds
 from experiments.search.benchmark.submission import (
@@ -300,6 +301,15 @@ def test_letters_are_those_of_sets_without_a_difference():
     assert set(letters["x"]) & set(letters["y"])
     assert set(letters["x"]) & set(letters["w"])
     assert groups({"alone": base}, rng) == {"alone": "a"}
+
+
+def test_intervals_of_agents_that_share_their_resamples_are_those_of_pairs():
+    table = np.random.default_rng(0).normal((0.2, 0.0, -0.3), size=(150, 3))
+    means = _resampled_means(table, np.random.default_rng(1), 8000)
+    for one, other in ((0, 1), (1, 2)):
+        shared = np.quantile(means[:, one] - means[:, other], [0.025, 0.975])
+        _, *plain = paired_bootstrap(table[:, one], table[:, other], np.random.default_rng(2), 0.95, 8000)
+        assert shared == pytest.approx(plain, abs=0.015)  # of widths of about 0.45
 
 
 AGENT = """
