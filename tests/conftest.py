@@ -86,6 +86,45 @@ def _shipped_sensors_loaded_once():
         yield
 
 
+USUAL_PICTURES = []
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _small_pictures():
+    """Reports of tests have small pictures, saved without a layout, as most tests look at the text of a page alone."""
+    if "experiments.search.comparison" not in sys.modules:  # no test of this run writes one
+        yield
+        return
+    from experiments import report
+    from experiments.search import page
+
+    save = report._saved
+
+    def saved(drawn, suffix, dpi=130):
+        drawn.set_layout_engine("none")
+        return save(drawn, suffix, dpi // 4)
+
+    small = [
+        (report, "_saved", saved),
+        (page, "_SCENE", {"size": (40, 32), "oversampling": 1}),
+        (page, "_BODIES", {"pixels": 24, "draws": 4}),
+    ]
+    USUAL_PICTURES.extend((module, name, getattr(module, name)) for module, name, _ in small)
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in small:
+            patch.setattr(module, name, value)
+        yield
+
+
+@pytest.fixture(scope="module")
+def usual_pictures():
+    """Reports have the pictures of users, where a test is about them."""
+    with pytest.MonkeyPatch.context() as patch:
+        for part in USUAL_PICTURES:
+            patch.setattr(*part)
+        yield
+
+
 @pytest.fixture
 def few_hypotheses(monkeypatch):
     """Sensors of any object are prepared with few contacts and touches: what is run counts, not how well it reads."""
