@@ -2,6 +2,7 @@ import os
 import sys
 from collections import Counter
 from functools import cache, wraps
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,29 @@ def _shipped_sensors_loaded_once():
         patch.setattr(TactileReader, "load", staticmethod(lambda path: (read_once if is_shipped(path) else read)(path)))
         patch.setattr(sensor_files, "fitted_model", fit_or_share)
         patch.setattr(TactileSensor, "_model", staticmethod(make_or_share))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _operators_of_the_exporter_read_once():
+    """The exporter to ONNX parses the source of 500 operators at every call, which is most of its time."""
+    if "torch" not in sys.modules:
+        yield
+        return
+    import torch
+
+    export = torch.onnx.export
+
+    def with_kept_operators(*arguments, **options):
+        registry = import_module("torch.onnx._internal.exporter._registration").ONNXRegistry
+        if registry not in seen:
+            seen.append(registry)
+            patch.setattr(registry, "from_torchlib", staticmethod(cache(registry.from_torchlib)))
+        return export(*arguments, **options)
+
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(torch.onnx, "export", with_kept_operators)
         yield
 
 
