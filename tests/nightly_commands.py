@@ -1,6 +1,6 @@
 """Every shell command of README and docs, and of the paper's method, is run in the order of its page: `make nightly`.
 
-So are the code of pages and the examples that the tests run with smaller numbers.
+So are the code of pages and the examples that the tests run with smaller numbers, and searches of committed files.
 
 These take too long for the tests, so pytest does not collect this file by itself. A command with a size, such as a
 number of episodes, gets a small one (SMALLER): what counts is that it ends well. What cannot be run here says why
@@ -21,7 +21,9 @@ import pytest
 import trimesh
 
 from activetouch import TactileSensor
+from experiments.search.benchmark.checking import check
 from tests import test_readme
+from tests.experiments.search import test_benchmark
 from tests.test_docs_commands import METHOD, PAGES, ROOT, command_lines, shell_lines
 
 SMALLER = {
@@ -178,6 +180,12 @@ def test_the_code_of_a_page_prints_what_the_page_says(page, capsys, monkeypatch)
 @pytest.mark.parametrize("code", [block for block in test_readme.BLOCKS if block.id in test_readme.SHORTER])
 def test_a_block_of_code_runs_in_full(code):
     exec(compile(code, "a page", "exec"), {})
+
+
+@pytest.mark.parametrize("path", test_benchmark.SUBMITTED, ids=lambda path: f"{path.parent.name}-{path.name}")
+def test_searches_of_a_committed_file_are_those_that_are_played_again(path):
+    [entry] = check([path], share=0.2, jobs=1)
+    assert entry.faults == ()
 
 
 @pytest.mark.usefixtures("in_full")

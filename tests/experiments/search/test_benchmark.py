@@ -78,11 +78,13 @@ def test_a_task_does_not_change_under_its_name():
 
 SUBMITTED = sorted({*RECORDS.glob("coarse-v1/*.gz"), *RECORDS.glob("[!b]*/information_gain.jsonl.gz")})
 """All but the tasks whose sensor takes minutes, and agents that make no touch."""
+SLOW = ("hard-v1", "keyed-v1", "many-v1")
+"""Tasks whose sensor takes five to ten seconds: `make nightly` plays some of their searches again."""
 
 
 @pytest.mark.parametrize("path", SUBMITTED, ids=lambda path: f"{path.parent.name}-{path.name}")
 def test_a_committed_file_passes(path):
-    [entry] = check([path], share=0.05, jobs=1)
+    [entry] = check([path], share=0.0 if path.parent.name in SLOW else 0.05, jobs=1)
     assert entry.faults == ()
     assert entry.submission.header.task == path.parent.name
 
