@@ -42,12 +42,14 @@ def play(run, numbers):
     return play_episodes(run.searches, run.deciders["threshold"], 0, numbers)[0]
 
 
+@pytest.mark.usefixtures("usual_pictures")
 def test_a_still_picture_is_drawn_of_the_last_search(run, tmp_path):
     Replay(run[0], decider="threshold", target="sphere", number=7, out=tmp_path / "search.png").run()
     with Image.open(tmp_path / "search.png") as picture:
         assert picture.width > 400
 
 
+@pytest.mark.usefixtures("usual_pictures")
 def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
     joint = prepared(COARSE, "threshold", jobs=1)
     [episode], searches = play(joint, [0]), joint.searches
