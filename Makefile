@@ -11,20 +11,24 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions clean
+.PHONY: search test tests quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
 
 # Two processes of tests share the processors, so each computes on one thread.
-test: check
+# Types take long on one processor, so tests begin beside them.
+test: development
+	@$(MAKE) --no-print-directory -j2 types tests
+
+tests: others
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Beliefs, statistics and decisions without touch, without physics, networks and fits: under a minute.
 quick: development
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics tests/planners/test_classification.py
 
-# Every shell command of README and docs, with small sizes: about a quarter of an hour.
+# Every shell command of README and docs, with small sizes, and what the tests make smaller: about twenty minutes.
 nightly: development
 	OMP_NUM_THREADS=1 $(BIN)/pytest tests/nightly_commands.py -n 2 --dist loadgroup
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadMesh, MeshWarning
+from activetouch.pressing.contact import PressedObject
 from activetouch.scene import Scene, WorldObject
 from belief.errors import InvalidArgument
 from belief.naming import UNLISTED, Name, few, one_line, shape_name
@@ -63,7 +64,7 @@ class TouchWorld:
         objects: in order of visit.
 
     Attributes:
-        last_image: of the last press of the current object, ``(H, W)`` or ``(H, W, 3)``; None before the first.
+        last: press of the current object; None before the first.
     """
 
     def __init__(self, sensor: Presses, objects: Sequence[WorldObject]) -> None:
@@ -71,7 +72,7 @@ class TouchWorld:
         self._objects = tuple(objects)
         self._current = 0
         self._moved: WorldObject | None = None  # the current object as it lies since its last touch
-        self.last_image: NDArray[np.uint8] | None = None
+        self.last: PressedObject | None = None
 
     @classmethod
     def sample(cls, sensor: Presses, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
@@ -110,6 +111,11 @@ class TouchWorld:
         """The object in front of the pad."""
         return self._moved or self._objects[self._current]
 
+    @property
+    def last_image(self) -> NDArray[np.uint8] | None:
+        """Of the last press of the current object, ``(H, W)`` or ``(H, W, 3)``; None before the first."""
+        return None if self.last is None else self.last.image
+
     def press(self, pose: Name, rng: np.random.Generator) -> tuple[NDArray[np.uint8], TouchTime]:
         """The image of the current object pressed in a pose, and the time of the press.
 
@@ -129,7 +135,7 @@ class TouchWorld:
         pressed = scene.press(self.current, pose, rng)
         if scene.moves is not None and pressed.left is not None:
             self._moved = replace(self.current, orientation=pressed.left)
-        self.last_image = pressed.image
+        self.last = pressed
         return pressed.image, TouchTime(time.perf_counter() - started, 0.0, pressed.num_unsettled)
 
     def touch(self, pose: Name, rng: np.random.Generator) -> Touch:
@@ -140,11 +146,11 @@ class TouchWorld:
         """Put the current object aside and bring the next."""
         if self._current + 1 == len(self._objects):
             raise IndexError(f"there is no object after the last of {len(self._objects)}")
-        self._current, self._moved, self.last_image = self._current + 1, None, None
+        self._current, self._moved, self.last = self._current + 1, None, None
 
     def reset(self) -> None:
         """Bring the first object."""
-        self._current, self._moved, self.last_image = 0, None, None
+        self._current, self._moved, self.last = 0, None, None
 
 
 def _object_of(scene: Scene, shape: Name, rng: np.random.Generator) -> WorldObject:

@@ -48,6 +48,7 @@ from belief.validation import (
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful rule
 _LARGEST = np.finfo(np.float64).max
+_SHOWN = 12  # shapes in a notebook
 _BLOCK = 16_384  # numbers in a block; three such arrays fit in the second-level cache
 
 
@@ -361,6 +362,16 @@ class Belief(FrozenArrays):
     def __str__(self) -> str:
         pairs = zip(self.labels, self.probs, strict=True)
         return f"Belief({', '.join([*(f'{label} {prob:.3f}' for label, prob in pairs), *self._none_of_these])})"
+
+    def _repr_html_(self) -> str:
+        """The shapes, the most probable first, for a notebook."""
+        from belief.table import Table
+
+        likely = np.argsort(-self.log_probs, kind="stable")[:_SHOWN].tolist()
+        rows: list[tuple[str, float] | tuple[str]] = [(self.labels[row], float(self.probs[row])) for row in likely]
+        rows += [(NONE_OF_THESE, self.unlisted)] if self.unlisted else []
+        rows += [(f"and {num} less probable shapes",)] if (num := len(self.labels) - len(likely)) else []
+        return Table("", ["shape", ("probability", ".3f")], rows).html()
 
     @property
     def _none_of_these(self) -> list[str]:

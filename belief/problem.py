@@ -342,10 +342,9 @@ class SearchProblem:
         others = left - counts[:, None]  # of another shape, given that all earlier draws were
         absent = np.prod(np.maximum(others, 0.0) / left, axis=1)
         if self.unlisted:
-            from scipy.stats import hypergeom
-
-            places = np.arange(number + 1)[:, None]  # of the shape, each of which a stranger may have taken
-            absent = (hypergeom.pmf(places, total, counts, number) * self.unlisted**places).sum(axis=0)
+            among, others = _log_choices(counts, number), _log_choices(total - counts, number)[::-1]
+            taken = self.unlisted ** np.arange(number + 1)[:, None]  # places of the shape by strangers
+            absent = (np.exp(among + others - _log_choices(np.array([total]), number)[-1]) * taken).sum(axis=0)
         return np.asarray(absent)
 
     def reward(
@@ -390,3 +389,11 @@ class SearchProblem:
             return self.unsure_reward - self.touch_cost * num_touches
         right = confirmed_shape == target if confirmed_shape is not None else not target_present
         return (1.0 if right else -1.0) - self.touch_cost * num_touches
+
+
+def _log_choices(of: Floats, most: int) -> Floats:
+    """Log of the number of ways to choose 0 to ``most`` of so many ``(K,)``, ``(most + 1, K)``; -inf for none."""
+    chosen = np.arange(most)[:, None]
+    with np.errstate(divide="ignore"):
+        more = np.log(np.maximum(of - chosen, 0.0) / (chosen + 1.0))
+    return np.concatenate([np.zeros((1, len(of))), more.cumsum(axis=0)])

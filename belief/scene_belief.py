@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from belief.observation_model.sensor_worlds import SensorHealth
 
 _LARGEST = 1e300  # log ratio
+_SHOWN = 3  # shapes of an object in a notebook
 
 
 class Places(NamedTuple):
@@ -106,6 +107,17 @@ class ReadableScene:
         row = self._log_marginals[self._object(object_index)].copy()
         unlisted = self._places.unlisted
         return Belief.of_normalised(self.labels, row, 0.0 if unlisted is None else float(unlisted[object_index]))
+
+    def _repr_html_(self) -> str:
+        """The most probable shapes of each object, for a notebook."""
+        from belief.table import Table
+
+        rows = []
+        for number, (probs, touches) in enumerate(zip(self.marginals(), self._touches, strict=True)):
+            likely = np.argsort(-probs, kind="stable")[:_SHOWN]
+            words = ", ".join(f"{self.labels[shape]} {probs[shape]:.3f}" for shape in likely)
+            rows.append((number, len(touches), words))
+        return Table("", [("object", "d"), ("touches", "d"), "most probable shapes"], rows).html()
 
     def prob_moved(self, object_index: int) -> float:
         """Probability that an object moved just before its last touch; 0.0 for models of objects that stay."""

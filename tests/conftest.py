@@ -2,10 +2,12 @@ import os
 import sys
 from collections import Counter
 from functools import cache, wraps
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
+from _pytest.doctest import DoctestModule
 from hypothesis import HealthCheck, settings
 
 from belief.observation_model import ConfusionModel, FixedHypotheses, RigidBodyModel
@@ -24,6 +26,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests come first, so that no worker is left with one of them while the others have finished."""
     slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
     items.sort(key=lambda item: -slow[item.path])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file():
+    """Files of tests hold no doctests, for which each of them would be searched."""
+    return [found for found in (yield) if not isinstance(found, DoctestModule)]
 
 
 @pytest.fixture
@@ -83,6 +91,68 @@ def _shipped_sensors_loaded_once():
         patch.setattr(TactileReader, "load", staticmethod(lambda path: (read_once if is_shipped(path) else read)(path)))
         patch.setattr(sensor_files, "fitted_model", fit_or_share)
         patch.setattr(TactileSensor, "_model", staticmethod(make_or_share))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _operators_of_the_exporter_read_once():
+    """The exporter to ONNX parses the source of 500 operators at every call, which is most of its time."""
+    if "torch" not in sys.modules:
+        yield
+        return
+    import torch
+
+    export = torch.onnx.export
+
+    def with_kept_operators(*arguments, **options):
+        registry = import_module("torch.onnx._internal.exporter._registration").ONNXRegistry
+        if registry not in seen:
+            seen.append(registry)
+            patch.setattr(registry, "from_torchlib", staticmethod(cache(registry.from_torchlib)))
+        return export(*arguments, **options)
+
+    seen = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(torch.onnx, "export", with_kept_operators)
+        yield
+
+
+USUAL_PICTURES = []
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _small_pictures():
+    """Reports of tests have small pictures, saved without a layout, as most tests look at the text of a page alone."""
+    if "experiments.search.comparison" not in sys.modules:  # no test of this run writes one
+        yield
+        return
+    from experiments import report
+    from experiments.search import page
+
+    save = report._saved
+
+    def saved(drawn, suffix, dpi=130):
+        drawn.set_layout_engine("none")
+        return save(drawn, suffix, dpi // 4)
+
+    small = [
+        (report, "_saved", saved),
+        (page, "_SCENE", {"size": (40, 32), "oversampling": 1}),
+        (page, "_BODIES", {"pixels": 24, "draws": 4}),
+    ]
+    USUAL_PICTURES.extend((module, name, getattr(module, name)) for module, name, _ in small)
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in small:
+            patch.setattr(module, name, value)
+        yield
+
+
+@pytest.fixture(scope="module")
+def usual_pictures():
+    """Reports have the pictures of users, where a test is about them."""
+    with pytest.MonkeyPatch.context() as patch:
+        for part in USUAL_PICTURES:
+            patch.setattr(*part)
         yield
 
 

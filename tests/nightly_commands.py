@@ -1,5 +1,7 @@
 """Every shell command of README and docs, and of the paper's method, is run in the order of its page: `make nightly`.
 
+So are the code of pages and the examples that the tests run with smaller numbers, and searches of committed files.
+
 These take too long for the tests, so pytest does not collect this file by itself. A command with a size, such as a
 number of episodes, gets a small one (SMALLER): what counts is that it ends well. What cannot be run here says why
 (ELSEWHERE). Files that pages take for granted, such as mug.obj, are written beforehand.
@@ -7,6 +9,7 @@ number of episodes, gets a small one (SMALLER): what counts is that it ends well
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from contextlib import closing
@@ -18,6 +21,9 @@ import pytest
 import trimesh
 
 from activetouch import TactileSensor
+from experiments.search.benchmark.checking import check
+from tests import test_readme
+from tests.experiments.search import test_benchmark
 from tests.test_docs_commands import METHOD, PAGES, PAPER_METHOD, ROOT, command_lines, shell_lines
 
 SMALLER = {
@@ -154,3 +160,37 @@ def test_a_command_of_the_pages_runs(page, line, folders):
     )
     assert ran.returncode == 0, f"$ {smaller(line)}\n{ran.stdout[-2000:]}{ran.stderr[-4000:]}"
     assert "Traceback" not in ran.stderr
+
+
+@pytest.fixture
+def in_full(tmp_path, monkeypatch):
+    """An empty working folder, and nothing that is made smaller for the tests."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    monkeypatch.setattr(test_readme, "SHORTER", {})
+
+
+@pytest.mark.usefixtures("in_full")
+@pytest.mark.parametrize("page", test_readme.PRINTED)
+def test_the_code_of_a_page_prints_what_the_page_says(page, capsys, monkeypatch):
+    assert test_readme.prints_what_the_page_says(page, capsys, monkeypatch)
+
+
+@pytest.mark.usefixtures("in_full")
+@pytest.mark.parametrize("code", [block for block in test_readme.BLOCKS if block.id in test_readme.SHORTER])
+def test_a_block_of_code_runs_in_full(code):
+    exec(compile(code, "a page", "exec"), {})
+
+
+@pytest.mark.parametrize("path", test_benchmark.SUBMITTED, ids=lambda path: f"{path.parent.name}-{path.name}")
+def test_searches_of_a_committed_file_are_those_that_are_played_again(path):
+    [entry] = check([path], share=0.2, jobs=1)
+    assert entry.faults == ()
+
+
+@pytest.mark.usefixtures("in_full")
+@pytest.mark.parametrize("name", test_readme.EXAMPLES)
+def test_an_example_runs_in_full(name, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", [name])
+    runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
+    assert capsys.readouterr().out.strip()

@@ -61,6 +61,16 @@ def test_no_page_compares_a_decider_with_itself(made):
         assert first == name != second
 
 
+@pytest.fixture
+def hooks(monkeypatch):
+    monkeypatch.syspath_prepend(GENERATE)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # the module adds to it
+    hooks = import_module("hooks")
+    for module in ("hooks", "pages", "shelves", "gallery", "notebooks"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    return hooks
+
+
 @pytest.mark.parametrize("name", ["toy", "your_classifier"])
 def test_a_notebook_has_the_code_of_its_page_and_links_that_lead_somewhere_from_anywhere(name, monkeypatch):
     monkeypatch.syspath_prepend(GENERATE)
@@ -95,14 +105,9 @@ SITE = {
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="the search of the site runs in Node.js")
-def test_the_check_of_the_search_knows_boosts_and_tags_and_notices_what_is_missed(tmp_path, monkeypatch):
+def test_the_check_of_the_search_knows_boosts_and_tags_and_notices_what_is_missed(hooks, tmp_path, monkeypatch):
     import material
 
-    monkeypatch.syspath_prepend(GENERATE)
-    monkeypatch.setattr(sys, "path", [*sys.path])  # the module adds to it
-    hooks = import_module("hooks")
-    for module in ("hooks", "pages", "shelves", "gallery", "notebooks"):
-        monkeypatch.delitem(sys.modules, module, raising=False)
     workers = "assets/javascripts/workers"
     shutil.copytree(Path(material.__file__).parent / "templates" / workers, tmp_path / workers)
     fields = {"title": {"boost": 1000}, "text": {"boost": 1}, "tags": {"boost": 3000}}
@@ -116,13 +121,21 @@ def test_the_check_of_the_search_knows_boosts_and_tags_and_notices_what_is_misse
     assert hooks.misses(tmp_path) == ["'cup' finds explains/", "'glove' finds nothing"]
 
 
-def test_what_people_type_leads_to_pages_that_are_there(monkeypatch):
-    monkeypatch.syspath_prepend(GENERATE)
-    monkeypatch.setattr(sys, "path", [*sys.path])  # the module adds to it
-    hooks = import_module("hooks")
-    for module in ("hooks", "pages", "shelves", "gallery", "notebooks"):
-        monkeypatch.delitem(sys.modules, module, raising=False)
+def test_what_people_type_leads_to_pages_that_are_there(hooks):
     assert len(hooks.QUERIES) >= 8
     targets = [*hooks.QUERIES.values(), *(new.partition("#")[0] for new in hooks.MOVED.values() if "#" in new)]
     for page in {*hooks.WORDS, *(f"{place.rstrip('/')}.md" for place in targets)}:
         assert (DOCS / page).exists(), page
+
+
+def test_screen_readers_are_told_what_a_section_and_an_empty_head_of_a_column_are(hooks):
+    page = """<nav class="md-nav" data-md-level="1" aria-labelledby="__nav_1_label" aria-expanded="true">
+      <label class="md-nav__title" for="__nav_1">
+        <span class="md-nav__icon md-icon"></span>
+        First steps
+      </label></nav><nav class="md-tabs" aria-label="Tabs"></nav>
+      <tr><th></th><th style="text-align: right;"></th><th>touches</th></tr>"""
+    read = hooks.on_post_page(page, None, None)
+    assert 'data-md-level="1" aria-label="First steps" aria-expanded="true"' in read
+    assert "aria-labelledby" not in read
+    assert '<td></td><td style="text-align: right;"></td><th>touches</th>' in read

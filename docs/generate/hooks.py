@@ -131,6 +131,11 @@ QUERIES = {
 WIDEST = 66
 """Characters of code in a line of a page."""
 FOLDERS = ("deciders", "worlds", "reference/api")
+_SECTION = re.compile(
+    r'(<nav class="md-nav" data-md-level="\d+") aria-labelledby="\w+"([^>]*>\s*<label class="md-nav__title"[^>]*>'
+    r'\s*<span class="md-nav__icon md-icon"></span>\s*)([^<"]*[^<"\s])'
+)
+_EMPTY_HEAD = re.compile(r"<th( [^>]*)?></th>")
 _PICTURE = re.compile(r'<picture>.*?srcset="([^"]+)".*?src="([^"]+)".*?alt="([^"]+)".*?</picture>', re.S)
 
 
@@ -212,6 +217,11 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
     markdown = _PICTURE.sub(r"![\3](\2#only-light)\n![\3](\1#only-dark)", markdown)
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
     return "".join(narrow(part) if number % 2 else LINK.sub(link, part) for number, part in enumerate(parts))
+
+
+def on_post_page(output: str, page: Any, config: Any) -> str:
+    """Say to screen readers what the theme leaves without words: contents of a section, empty heads of columns."""
+    return _SECTION.sub(r'\1 aria-label="\3"\2\3', _EMPTY_HEAD.sub(r"<td\1></td>", output))
 
 
 def narrow(block: str) -> str:

@@ -257,6 +257,7 @@ def shown_searches(comparison: Summary) -> Shown | None:
 _MOST_DRAWN, _PORTRAITS = 40, 4  # steps with pictures of the scene and of bodies; bodies in each
 _MOST_BARS, _LEAST_BAR = 6, 0.005  # shapes that are all shown, and the least probability of a shape among more
 _SCENE = {"size": (300, 240), "oversampling": 1}  # of the picture of the scene
+_BODIES = {"pixels": 84, "draws": 24}  # of the pictures of bodies
 
 
 def story(sensor: TactileSensor, problem: SearchProblem, title: str, episode: Episode) -> dict[str, Any]:
@@ -317,7 +318,7 @@ class Drawn:
 
     def __init__(self, sensor: TactileSensor, scale: int | None) -> None:
         self.sensor, self.scale = sensor, scale
-        self.bodies = Bodies.of(sensor, pixels=84, draws=24)
+        self.bodies = Bodies.of(sensor, **_BODIES)
         self._likeliest: tuple[Any, Floats, list[tuple[str, float, Floats]]] = None, np.zeros(0), []
         self._last: tuple[Placement | None, float, str] = None, 0.0, ""
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.poses import Placement, WorldObject
+from activetouch.pressing.contact import PressedObject
 from activetouch.scene_description import scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, other_reader, reader_file
 from activetouch.world import TouchTime, touch_many
@@ -301,17 +302,22 @@ def play_episodes(
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One decision of a replayed search; ``posterior (K,)`` is after it, and ``image`` None without a touch.
+    """One decision of a replayed search; ``posterior (K,)`` is after it, and ``pressed`` None without a touch.
 
     ``evidence`` is that of a belief about one body, None for other models.
     """
 
     step: Step
     shape: int
-    image: NDArray[np.uint8] | None
+    pressed: PressedObject | None
     posterior: NDArray[np.float64]
     body: WorldObject
     evidence: Any = None
+
+    @property
+    def image(self) -> NDArray[np.uint8] | None:
+        """What was felt."""
+        return None if self.pressed is None else self.pressed.image
 
 
 def action_words(action: Action, problem: SearchProblem) -> str:
@@ -341,12 +347,12 @@ def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> l
     evidence, is_of_body = nothing, sensor.model.reads == "embeddings"
     for number, step in enumerate(episode.steps):
         body = world.current
-        image, posterior = None, step.belief.probs
+        pressed, posterior = None, step.belief.probs
         if isinstance(step.decision.action, Probe) and step.touch is not None:
             pose = step.decision.action.pose
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
             image, _ = world.press(pose, rng)
-            body = world.current  # which may have moved
+            pressed, body = world.last, world.current  # which may have moved
             uses[step.object_index, pose] += 1
             if is_of_body:
                 [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
@@ -355,7 +361,7 @@ def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> l
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
             world.advance()
         about = getattr(evidence, "nominal", evidence) if is_of_body else None
-        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, about))
+        frames.append(Frame(step, episode.arrangement[step.object_index], pressed, posterior, body, about))
         evidence = nothing if isinstance(step.decision.action, Reject) else evidence
     return frames
 
@@ -414,7 +420,6 @@ def _moments(
 ) -> Iterator[Moment]:
     nothing = sensor.model.start()
     start = getattr(nothing, "nominal", nothing) if sensor.model.reads == "embeddings" else None
-    uses: Counter[tuple[int, int]] = Counter()
     states = [""] * problem.num_objects
     target, current, num_touches = problem.shape_labels[episode.target], -1, 0
     for frame in replay(sensor, problem, episode):
@@ -426,13 +431,10 @@ def _moments(
         name, milliseconds = f"Object {index + 1}", _DECIDED
         if isinstance(action, Probe):
             words, milliseconds = f"{name}, touch {num_touches + 1}", _TOUCHED
-            if frame.image is None:
+            if frame.pressed is None:
                 words = f"{name}: nothing is felt in pose {problem.pose_labels[action.pose]}"
             else:
-                rng = touch_rng(episode.seed, index, action.pose, uses[index, action.pose])
-                uses[index, action.pose] += 1
-                pressed = sensor.scene.press(frame.body, action.pose, rng)
-                placement, depth = pressed.placement, pressed.contact.depth
+                placement, depth = frame.pressed.placement, frame.pressed.contact.depth
                 for away in approach:
                     yield Moment(placement, away, frame, image, evidence, probs, tuple(states), words, _MOVING)
                 image, evidence, probs, num_touches = frame.image, frame.evidence, frame.posterior, num_touches + 1

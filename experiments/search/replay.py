@@ -66,7 +66,8 @@ class Replay:
             write_film(sensor, problem, episode, self.out, DARK if self.dark else LIGHT)
         else:
             with atomic_path(self.out) as temporary:
-                draw_search(episode, replay(sensor, problem, episode), problem, temporary, Bodies.of(sensor))
+                frames = replay(sensor, problem, episode)
+                draw_search(episode, frames, problem, temporary, Bodies.of(sensor), sensor.scene)
         print(f"wrote {self.out}")
 
     def _episode(self, labels: tuple[str, ...]) -> Episode:

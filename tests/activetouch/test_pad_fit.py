@@ -37,7 +37,7 @@ def test_the_truth_lies_in_narrow_intervals(is_relative):
 
 
 def test_an_odd_taxel_is_found():
-    _, given = presses(PAD, number=24)
+    _, given = presses(PAD, number=16)
     readings = np.array(given.readings)
     readings[:, 20] *= 0.5
     found = fit_pad(PAD, BallPresses(RADIUS, readings, given.forces))

@@ -34,6 +34,7 @@ from belief.touch_batch import TouchBatch
 NAMES = np.array(["mug", "ball", "box"])
 FEW = {name: fits()[name] for name in ("confusion", "ratio")}
 Observed = partial(ObservationModelClassifier, candidates=FEW)
+ByConfusion = partial(ObservationModelClassifier, candidates={"confusion": FEW["confusion"]})
 
 
 @pytest.fixture(scope="module")
@@ -64,9 +65,9 @@ NEED_A_COLUMN_FOR_EACH_CLASS = (
     [
         (CalibratedClassifier(LogisticRegression(max_iter=1000), cv=2), ()),
         (CalibratedClassifier(GaussianNB(), "temperature"), ()),
-        (Observed(LogisticRegression(max_iter=1000), num_folds=2, cv=2), ()),
+        (ByConfusion(LogisticRegression(max_iter=1000), num_folds=2, cv=2), ()),
         (CalibratedClassifier(), NEED_A_COLUMN_FOR_EACH_CLASS),
-        (Observed(num_folds=2), NEED_A_COLUMN_FOR_EACH_CLASS),
+        (ByConfusion(num_folds=2), NEED_A_COLUMN_FOR_EACH_CLASS),
     ],
 )
 @pytest.mark.filterwarnings("ignore")  # of data that are made to be odd

@@ -141,11 +141,11 @@ def test_a_reader_that_ends_early_ends_the_command_quietly(arguments):
     ("arguments", "closed"), [("--version", ">&-"), ("--version", "2>&-"), ("touch", "<&- >&- 2>&-")]
 )
 def test_a_command_whose_streams_are_closed_does_its_work(arguments, closed, tmp_path):
-    own = f" --scene coarse --out {shlex.quote(str(tmp_path))}/touch.png" * (arguments == "touch")
+    own = f" --scene coarse --csv {shlex.quote(str(tmp_path))}/touch.csv" * (arguments == "touch")
     command = f"{shlex.quote(sys.executable)} -m experiments.cli {arguments}{own} {closed}"
     found = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True)
     assert (found.returncode, found.stderr) == (0, "")
-    assert [path.name for path in tmp_path.iterdir()] == ["touch.png"] * bool(own)
+    assert [path.name for path in tmp_path.iterdir()] == ["touch.csv"] * bool(own)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to a device that is always full")

@@ -8,7 +8,8 @@ import pytest
 
 from activetouch.pad_fit import PadFit
 from activetouch.pose_belief import PoseBelief
-from belief import Belief, Confirm, Probe, Touch
+from belief import Belief, Confirm, Probe, SceneBelief, SearchProblem, Touch
+from belief.synthetic import random_model
 from belief.table import Table
 from experiments import parallel
 from experiments.calibration.measurements import Measurements
@@ -50,6 +51,21 @@ def test_a_search_shows_a_line_for_each_object():
     assert shown.startswith(
         "<p><b>search for the &lt;a&gt;: confirmed, right, 1 touches</b></p><p>object 1, a &lt;a&gt;"
     )
+
+
+def test_a_belief_shows_its_most_probable_shapes_and_a_scene_those_of_each_object():
+    labels = ("<a>", *(f"shape {number}" for number in range(14)))
+    probs = np.array([2.0, *np.linspace(1.0, 0.5, 14)]) / 12.5
+    shown = Belief.from_probs(labels, probs)._repr_html_()
+    assert shown.index("&lt;a&gt;") < shown.index("shape 0") < shown.index("and 3 less probable shapes")
+    assert ">0.160<" in shown
+    assert "shape 12" not in shown
+    model = random_model(np.random.default_rng(0), num_shapes=3)
+    scene = SceneBelief(SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 2), model)
+    scene.update(1, model.sample(0, poses=[0, 1], rng=np.random.default_rng(1)))
+    likeliest = scene.belief(1)
+    best = int(likeliest.probs.argmax())
+    assert f"{likeliest.labels[best]} {likeliest.probs[best]:.3f}, " in scene._repr_html_()
 
 
 def test_progress_is_shown_below_the_cell_without_widgets(monkeypatch):

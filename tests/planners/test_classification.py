@@ -81,15 +81,15 @@ def hidden_context(n, rng):
 
 
 def test_looking_two_actions_ahead_finds_the_action_that_says_where_to_look():
-    rows, y = hidden_context(4000, np.random.default_rng(0))
+    rows, y = hidden_context(2000, np.random.default_rng(0))
     one, two = (
-        ActiveClassification.from_cases(rows, y, num_contexts=(1, 2, 3), max_actions=2, stop=1.0, depth=depth)
+        ActiveClassification.from_cases(rows, y, num_contexts=(1, 2), max_actions=2, stop=1.0, depth=depth)
         for depth in (1, 2)
     )
     assert two.model.weights.shape[1] >= 2
     assert two.start().ask() == "0"
     assert one.start().ask() != "0"
-    cases, truth = hidden_context(300, np.random.default_rng(1))
+    cases, truth = hidden_context(150, np.random.default_rng(1))
     adaptive, random = (two.evaluate(cases, truth).after(2, rule)[0] for rule in ("adaptive", "random"))
     assert adaptive > 0.9 > random
 

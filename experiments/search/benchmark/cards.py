@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,7 @@ class Card(Checked):
         """The card of a task; raises UnknownName."""
         if name not in (known := [path.stem for path in sorted(TASKS.glob("*.json"))]):
             raise UnknownName("task", name, known)
-        return from_fields(cls, json.loads((TASKS / f"{name}.json").read_text(encoding="utf-8")))
+        return _read((TASKS / f"{name}.json").read_text(encoding="utf-8"))
 
     @classmethod
     def every(cls) -> list[Card]:
@@ -82,7 +82,7 @@ class Card(Checked):
         """The targets, of which none is left out."""
         return self.targets or tuple(self.problem.shape_labels)
 
-    @property
+    @cached_property
     def bound(self) -> float:
         """The largest expected return with any sensor: one touch reveals a shape."""
         return float(np.mean([one_touch_bound(self.problem.seeking(target), target) for target in self.sought]))
@@ -107,3 +107,9 @@ class Card(Checked):
             )
         run = prepared(self.rules, deciders, targets=self.targets, episodes=self.episodes, seed=self.seed, jobs=jobs)
         return run if seed is None else replace(run, searches=replace(run.searches, seed=seed))
+
+
+@cache
+def _read(text: str) -> Card:
+    """The card with this content, whose scene is made once."""
+    return from_fields(Card, json.loads(text))

@@ -39,6 +39,7 @@ _FASTER = 100.0  # how much faster touches can have been than here, where other 
 _QUICKEST = 1e-7  # decision [s]
 _BY_CHANCE = 1e-9  # probability of so many right answers from what is stated
 _MOST_FAULTS = 5  # of a file that are listed
+_DRAWN = 500_000  # rows of a table that are drawn at a time
 _IDLE = 600.0  # that a run may take beside its searches [s]
 
 
@@ -291,12 +292,19 @@ def groups(values: Mapping[str, Floats], rng: np.random.Generator, level: float 
     {'good': 'a', 'alike': 'a', 'worse': 'b'}
     """
     names = sorted(values, key=lambda name: -float(np.mean(values[name])))
-    pairs = [*combinations(names, 2)]
+    if len(names) < 2:
+        return dict.fromkeys(names, "a")
+    pairs = [*combinations(range(len(names)), 2)]
     sets = [frozenset(names)]
-    confidence = 1.0 - level / max(len(pairs), 1)
-    for one, other in pairs:
-        number = max(2000, round(100 / (1.0 - confidence)))
-        _, low, high = paired_bootstrap(values[one], values[other], rng, confidence, number)
+    tail = level / len(pairs) / 2
+    table = np.stack([values[name] for name in names], axis=1)
+    means = _resampled_means(table, rng, max(2000, round(50 / tail)))
+    for first, second in pairs:
+        one, other = names[first], names[second]
+        if np.ptp(table[:, first] - table[:, second]):
+            low, high = np.quantile(means[:, first] - means[:, second], [tail, 1.0 - tail])
+        else:  # the means of equal differences may differ by rounding
+            low = high = table[0, first] - table[0, second]
         if not low <= 0.0 <= high:
             split = chain.from_iterable(
                 (part - {one}, part - {other}) if {one, other} <= part else (part,) for part in sets
@@ -306,6 +314,18 @@ def groups(values: Mapping[str, Floats], rng: np.random.Generator, level: float 
     sets.sort(key=lambda part: sorted(map(names.index, part)))
     letters = "abcdefghijklmnopqrstuvwxyz"
     return {name: "".join(letters[number % 26] for number, part in enumerate(sets) if name in part) for name in names}
+
+
+def _resampled_means(table: Floats, rng: np.random.Generator, number: int) -> Floats:
+    """Means of the columns of a table ``(n, k)`` over resamples of its rows, ``(number, k)``."""
+    size, means = len(table), np.empty((number, table.shape[1]))
+    rows = max(1, _DRAWN // size)
+    for first in range(0, number, rows):
+        some = means[first : first + rows]
+        drawn = rng.integers(size, size=(len(some), size)) + size * np.arange(len(some))[:, None]
+        counts = np.bincount(drawn.ravel(), minlength=len(some) * size).reshape(len(some), size)
+        some[:] = counts @ table / size
+    return means
 
 
 def tables(entries: Sequence[Entry], seed: int = 0) -> list[Table]:

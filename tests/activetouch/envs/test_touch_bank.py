@@ -117,7 +117,7 @@ def test_the_bank_gives_the_touches_that_live_episodes_of_the_same_seeds_feel():
 def test_episodes_by_arrays_are_those_of_the_environment(state, kind, target_prob, model, ratio):
     used = ratio if kind == "ratio" else model
     task = {"touches": SampledTouches(used, POSES), "target": "shape_0", "target_prob": target_prob}
-    bank = recorded(ObjectTestEnv(**task, touch_limit=30), num_objects=40, num_rounds=10)
+    bank = recorded(ObjectTestEnv(**task, touch_limit=30), num_objects=24, num_rounds=10)
     env = ObjectTestEnv(**task, state=state)
     ends = assert_same_episodes(env, "shape_0", bank, used, state, target_prob=target_prob, beta=0.3, discount=0.9)
     assert ends == {(3, True), (3, False), (4, True), (4, False), ("truncated", False)}

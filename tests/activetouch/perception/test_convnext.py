@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from transformers import ConvNextConfig, ConvNextForImageClassification, ConvNextModel
 
 from activetouch.errors import MissingWeights
 from activetouch.perception.backbones import ConvNeXt
@@ -11,11 +10,14 @@ pytestmark = pytest.mark.torch
 SMALL = ConvNeXt((1, 1, 1, 1), (8, 8, 16, 16))
 
 
-@pytest.fixture(params=[ConvNextModel, ConvNextForImageClassification])
+@pytest.fixture(params=["ConvNextModel", "ConvNextForImageClassification"])
 def published(request, tmp_path):
     """A folder as ``transformers`` writes it, alone or below a head of classes, with weights of no other network."""
+    import transformers  # takes three seconds, which no other process of tests needs
+
     torch.manual_seed(1)
-    model = request.param(ConvNextConfig(num_channels=3, depths=[1, 1, 1, 1], hidden_sizes=[8, 8, 16, 16]))
+    config = transformers.ConvNextConfig(num_channels=3, depths=[1, 1, 1, 1], hidden_sizes=[8, 8, 16, 16])
+    model = getattr(transformers, request.param)(config)
     model.save_pretrained(tmp_path / "published")
     return tmp_path / "published", getattr(model, "convnext", model).eval()
 
@@ -54,6 +56,6 @@ def test_without_a_hub_or_a_copy_one_sentence_says_what_to_do(monkeypatch):
     def unreachable(*_, **__):
         raise OSError("We couldn't connect to 'https://huggingface.co'")
 
-    monkeypatch.setattr(ConvNextModel, "from_pretrained", unreachable)
+    monkeypatch.setattr("transformers.ConvNextModel.from_pretrained", unreachable)
     with pytest.raises(MissingWeights, match=r"hub cannot be reached.*no copy\)\. Download .* give --weights FOLDER"):
         SMALL.build(3).load_published("imagenet")

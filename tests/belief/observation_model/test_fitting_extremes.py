@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from belief import Touch
-from belief.observation_model import read_observation_model
+from belief.observation_model import plda, read_observation_model
 from belief.observation_model.registry import fits
 
 
@@ -50,6 +50,12 @@ COLLECTIONS = {
     "two shapes only": collection(NOISY[:, :2], TRUTH % 2, np.arange(60) // 2 * 2 + TRUTH % 2),
     "more shapes than touches": collection(np.eye(5)[:3], [0, 2, 4]),
 }
+
+
+@pytest.fixture(autouse=True)
+def _tables_of_few_touches(monkeypatch):
+    """Tables are made of 100 sampled touches: that they are finite counts here, which takes most of the time."""
+    monkeypatch.setattr(plda.sampled_table, "__defaults__", (100,))
 
 
 @pytest.mark.parametrize("data", COLLECTIONS.values(), ids=COLLECTIONS)

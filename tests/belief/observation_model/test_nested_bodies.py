@@ -151,13 +151,13 @@ def test_searches_among_nested_bodies_are_right_as_often_as_they_state(table, de
     problem = SearchProblem(LABELS, ("p", "q", "r"), 3, "at_most_one")
     player = make_decider(decider, model.outcome_table(), model)
     episodes = []
-    for seed in range(60):
+    for seed in range(32):
         rng = np.random.default_rng([seed, 5])
         world = NoisyWorld(table, sample_arrangement(problem.seeking(2), rng), rng)
         episodes.append(search(world, player, problem, 2, model, seed))
     stops = [one for one in episodes if one.outcome is Outcome.CONFIRMED]
-    assert sum(one.success for one in stops) >= 0.85 * len(stops) > 20
-    assert sum(one.success for one in episodes) >= 45
+    assert sum(one.success for one in stops) >= 0.85 * len(stops) > 10
+    assert sum(one.success for one in episodes) >= 24
 
 
 def test_a_touch_that_does_not_fit_is_refused(table):

@@ -40,10 +40,9 @@ def as_touches(logits, labels, groups):
     return [Touch(0, row) for row in logits], labels, groups
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(("kind", "name"), [("own scale", "plda"), ("heavy tails", "heavy tails")])
-def test_what_is_stated_at_stops_is_right_where_objects_differ_in_scale(kind, name, seed):
-    rng = np.random.default_rng(seed)
+def test_what_is_stated_at_stops_is_right_where_objects_differ_in_scale(kind, name):
+    rng = np.random.default_rng(0)
     known, new = drawn(kind, 400, rng), drawn(kind, 2000, rng)
     some = {each: fits()[each] for each in ("plda", "heavy tails")}
     choice = fit_observation_model(*known, candidates=some, num_folds=2)

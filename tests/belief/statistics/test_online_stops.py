@@ -26,13 +26,12 @@ def test_nothing_is_promised_before_there_is_evidence_and_then_the_lowest_thresh
     assert stops.threshold == 0.95  # no outcome below 0.96 speaks for less
 
 
-@pytest.mark.parametrize("share_wrong", [0.11, 0.15])
-def test_too_many_wrong_answers_are_never_promised_whenever_one_looks(share_wrong):
+def test_too_many_wrong_answers_are_never_promised_whenever_one_looks():
     broken = 0
     for seed in range(60):
         _, count = told(
             OnlineStops(risk=0.1, confidence=0.9),
-            share_wrong,
+            0.11,  # more are promised less often
             300,
             np.random.default_rng(seed),
             lambda now: now.threshold < np.inf,
@@ -56,8 +55,8 @@ def test_after_a_change_it_withdraws_and_regains_from_good_outcomes():
 
 
 def test_a_good_sensor_is_seldom_withdrawn():
-    ends = [told(OnlineStops(), 0.01, 500, np.random.default_rng(seed))[0].beginnings for seed in range(40)]
-    assert sum(ends) <= 4
+    ends = [told(OnlineStops(), 0.01, 500, np.random.default_rng(seed))[0].beginnings for seed in range(20)]
+    assert sum(ends) <= 2
 
 
 def test_outcomes_below_a_threshold_say_nothing_about_it():

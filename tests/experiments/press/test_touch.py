@@ -17,7 +17,7 @@ from experiments.command_line.arguments import BadArgument
 from experiments.press.touch import LOG_COLUMNS, TouchCommand, press_new_object
 from experiments.scene_choice import SceneChoice
 
-pytestmark = pytest.mark.mujoco
+pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("usual_pictures")]
 MENAGERIE = Path(__file__).parents[2] / "fixtures" / "menagerie"
 
 

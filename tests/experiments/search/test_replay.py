@@ -42,12 +42,14 @@ def play(run, numbers):
     return play_episodes(run.searches, run.deciders["threshold"], 0, numbers)[0]
 
 
+@pytest.mark.usefixtures("usual_pictures")
 def test_a_still_picture_is_drawn_of_the_last_search(run, tmp_path):
     Replay(run[0], decider="threshold", target="sphere", number=7, out=tmp_path / "search.png").run()
     with Image.open(tmp_path / "search.png") as picture:
         assert picture.width > 400
 
 
+@pytest.mark.usefixtures("usual_pictures")
 def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
     joint = prepared(COARSE, "threshold", jobs=1)
     [episode], searches = play(joint, [0]), joint.searches
@@ -59,8 +61,10 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
         if before and frame.step.object_index == 0:
             assert np.exp(own - logsumexp(own)) == pytest.approx(frame.posterior, abs=1e-6)
     draw_search(episode, frames, searches.problem, tmp_path / "search.png", bodies)
-    with Image.open(tmp_path / "search.png") as picture:
+    draw_search(episode, frames, searches.problem, tmp_path / "world.png", bodies, searches.sensor.scene)
+    with Image.open(tmp_path / "search.png") as picture, Image.open(tmp_path / "world.png") as with_world:
         assert picture.width > 400
+        assert with_world.height > 1.2 * picture.height  # a row more: the object at the pad
     other = prepared(replace(COARSE, observation_model="independent"), "threshold", jobs=1)
     assert Bodies.of(other.searches.sensor) is None
     shown = replay(other.searches.sensor, other.searches.problem, play(other, [0])[0])

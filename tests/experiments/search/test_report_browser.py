@@ -85,7 +85,7 @@ FRAME = """<!doctype html><script>addEventListener("message", (event) => { docum
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
+def report(tmp_path_factory, usual_pictures):
     """The report of a few searches."""
     folder, setting = tmp_path_factory.mktemp("report"), Setting(SceneChoice("coarse", fidelity="quasistatic"))
     comparison = Compare(
