@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.special import logsumexp, ndtr
+from scipy.special import ndtr
 
 from belief.constraints import Checked, NotNegative, Positive, Probability
 from belief.errors import ImpossibleObservation
@@ -290,7 +290,7 @@ class TrayBelief:
         """Touches so far, misses as well."""
         return len(self.pressed)
 
-    @property
+    @cached_property
     def cells(self) -> tuple[int, int]:
         """Cells of the tray along x and y."""
         along, across = (int(edge / self.table.pitch + 1e-9) for edge in self.size)
@@ -306,14 +306,18 @@ class TrayBelief:
         found = [int((v - 0.5 * self._rest(axis)) // self.table.pitch) for axis, v in enumerate((x, y))]
         return min(max(found[0], 0), self.cells[0] - 1), min(max(found[1], 0), self.cells[1] - 1)
 
+    @property
+    def middles(self) -> tuple[Floats, Floats]:
+        """The middles of all cells along x and along y [m]."""
+        along, across = ((np.arange(number) + 0.5) * self.table.pitch for number in self.cells)
+        return along + 0.5 * self._rest(0), across + 0.5 * self._rest(1)
+
     def _rest(self, axis: int) -> float:
         return self.size[axis] - self.cells[axis] * self.table.pitch
 
     def _prior(self) -> Floats32:
-        middles = [self.centre((place, place)) for place in range(max(self.cells))]
         inside = []
-        for axis, number in enumerate(self.cells):
-            along = np.array([middle[axis] for middle in middles[:number]])
+        for axis, along in enumerate(self.middles):
             extent = self.table.extents[:, axis, None]
             inside.append((along >= extent) & (along <= self.size[axis] - extent))
         fits = (inside[0][:, :, None] & inside[1][:, None, :]).astype(self.table.hit.dtype)
@@ -375,7 +379,7 @@ class TrayBelief:
             if fresh is not None and has_room and (new := self._kept_apart(fresh, world)) is not None:
                 worlds.append(replace(world, found=(*others, new)))
         pressed = (*self.pressed, touch.cell)
-        return replace(self, intensity=intensity, worlds=tuple(worlds), pressed=pressed)._weighed()
+        return replace(self, intensity=intensity, pressed=pressed)._weighed(worlds)
 
     def _kept_apart(self, new: Found, world: World) -> Found | None:
         """A new object, not where a found one is."""
@@ -434,31 +438,44 @@ class TrayBelief:
 
     # --- weights of worlds and answers
 
-    def _weighed(self) -> TrayBelief:
-        """With worlds in the order of their weights, without improbable ones."""
-        answers, totals = zip(*(self._log_answers(world) for world in self.worlds), strict=True)
-        logs = np.array(totals)
-        if not logs.max(initial=-np.inf) > -np.inf:
+    def _weighed(self, worlds: Sequence[World]) -> TrayBelief:
+        """With the likeliest of these worlds, in the order of their weights."""
+        anywhere = self.by_shape.sum(axis=(1, 2), dtype=float)
+        bounds = np.array([self._log_answers(world, anywhere)[1] for world in worlds])  # as if objects could overlap
+        best: list[tuple[float, int, Floats]] = []
+        for number in np.argsort(-bounds, kind="stable").tolist():
+            if best and bounds[number] <= best[0][0] + np.log(_DEAD):
+                break
+            if len(best) == self.most_worlds and bounds[number] <= best[-1][0]:
+                break
+            answers, total = self._log_answers(worlds[number], self.masses(worlds[number]))
+            best = sorted([*best, (total, number, answers)], key=lambda one: (-one[0], one[1]))[: self.most_worlds]
+        highest = best[0][0]
+        if not highest > -np.inf:
             raise ImpossibleObservation("the touches are impossible for every arrangement of the objects in the tray")
-        order = np.argsort(-logs, kind="stable")[: self.most_worlds]
-        kept = [one for one in order if logs[one] > logs[order[0]] + np.log(_DEAD)]
-        worlds = tuple(
-            replace(self.worlds[one], log_weight=float(logs[one] - logs[order[0]]), log_answers=answers[one])
-            for one in kept
-        )
-        return replace(self, worlds=worlds)
+        kept = [
+            replace(worlds[number], log_weight=total - highest, log_answers=answers)
+            for total, number, answers in best
+            if total > highest + np.log(_DEAD)
+        ]
+        after = replace(self, worlds=tuple(kept))
+        vars(after)["by_shape"] = self.by_shape  # of the same intensity
+        return after
 
-    def _log_answers(self, world: World) -> tuple[Floats, float]:
-        """Log weights of the answers: each found object, one not found, absent ``(n + 2,)``; and of their sum."""
+    def _log_answers(self, world: World, masses: Floats) -> tuple[Floats, float]:
+        """Log weights of the answers: each found object, one not found, absent ``(n + 2,)``; and of their sum.
+
+        ``masses`` are those of :meth:`masses`.
+        """
         target, number, num_shapes = self.target, self.num_objects, len(self.table.labels)
         left, others = number - len(world.found), max(num_shapes - 1, 1)
         evidence = np.array([one.evidence for one in world.found]).reshape(-1, num_shapes)
         with np.errstate(divide="ignore"):
-            masses = np.log(self.masses(world))
+            masses = np.log(masses)
             of_others = np.full(len(evidence) + 1, -np.inf)  # each found object, and all that are not found
             if num_shapes > 1:
                 rest = np.delete(np.vstack([evidence, masses]), target, axis=1)
-                of_others = logsumexp(rest, axis=1) - np.log(others)
+                of_others = np.logaddexp.reduce(rest, axis=1) - np.log(others)
             if self.unlisted:
                 strange = [one.log_unlisted for one in world.found] + [of_others[-1]]
                 of_others = np.logaddexp(of_others + np.log1p(-self.unlisted), strange + np.log(self.unlisted))
@@ -471,12 +488,14 @@ class TrayBelief:
                 rest_unfound = (left - 1) * of_others[-1] if left > 1 else 0.0
                 logs[-2] = np.log(left) + share + masses[target] + rest_unfound + of_others[:-1].sum()
         logs += np.log(np.arange(left + 1, number + 1, dtype=float)).sum() + world.log_odd
-        total = float(logsumexp(logs))
+        total = float(np.logaddexp.reduce(logs))
         return (logs - total if total > -np.inf else logs), total
 
     def answers(self, world: World) -> Answers:
         """Where the target is, in one world."""
-        probs = np.exp(self._log_answers(world)[0] if world.log_answers is None else world.log_answers)
+        probs = np.exp(
+            self._log_answers(world, self.masses(world))[0] if world.log_answers is None else world.log_answers
+        )
         return Answers(probs[:-2], float(probs[-2]), float(probs[-1]))
 
     def place_of_target(self, one: Found) -> tuple[float, float]:
@@ -497,7 +516,9 @@ class TrayBelief:
     @cached_property
     def by_shape(self) -> Floats32:
         """The intensity of each shape, whatever the row, ``(K, X, Y)``."""
-        return np.add.reduceat(self.intensity, np.flatnonzero(np.diff(self.table.shape_of, prepend=-1)), axis=0)
+        of_shape = self.table.shape_of == np.arange(len(self.table.labels))[:, None]
+        sums = of_shape.astype(self.intensity.dtype) @ self.intensity.reshape(len(self.intensity), -1)
+        return np.asarray(sums.reshape(-1, *self.cells))
 
     def outside(self, world: World) -> Floats32:
         """Probability that an object of each shape with its middle in a cell overlaps with no found one, ``(K, X, Y)``.
@@ -526,19 +547,30 @@ class TrayBelief:
 
     def discs(self, one: Found, margins: tuple[float, ...]) -> Floats32:
         """Probability that the disc which a found object covers is within each margin [m] of a cell, ``(M, X, Y)``."""
-        probs, (along, across) = one.probs(np.zeros(one.num_shapes)), self.cells
+        probs, (low_x, high_x, low_y, high_y) = one.probs(np.zeros(one.num_shapes)), one.box
         widest = int((self.table.inner.max() + max(margins)) / self.table.pitch) + 2
-        size = tuple(scipy.fft.next_fast_len(number + 2 * widest, True) for number in self.cells)
-        inner, of_disc = np.unique(self.table.inner[one.row], return_inverse=True)
+        shape = high_x - low_x + 1 + 2 * widest, high_y - low_y + 1 + 2 * widest  # all that the discs can reach
+        size = tuple(scipy.fft.next_fast_len(number, True) for number in shape)
+        places = (one.x - low_x + widest) * size[1] + one.y - low_y + widest
+        radii = np.rint((self.table.inner[:, None] + margins) / self.table.pitch).astype(int)
+        radii, of_disc = np.unique(radii, axis=0, return_inverse=True)
         sums = np.zeros((len(margins), size[0], size[1] // 2 + 1), np.complex64)
-        for number, radius in enumerate(inner.tolist()):
-            some = of_disc == number
-            masses = np.bincount(one.x[some] * across + one.y[some], probs[some], along * across)
-            spectrum = scipy.fft.rfft2(masses.reshape(along, across).astype(np.float32), size)
-            for place, margin in enumerate(margins):
-                sums[place] += spectrum * _disc(round((radius + margin) / self.table.pitch), size)
-        found = scipy.fft.irfft2(sums, size)
-        return np.clip(found[:, :along, :across], 0.0, 1.0)
+        disc = of_disc.ravel()[one.row]
+        for number in np.flatnonzero(np.bincount(disc)).tolist():
+            some = disc == number
+            masses = np.bincount(places[some], probs[some], size[0] * size[1]).astype(np.float32)
+            spectrum = scipy.fft.rfft2(masses.reshape(size))
+            for place, radius in enumerate(radii[number].tolist()):
+                sums[place] += spectrum * _disc(radius, size)
+        found = np.zeros((len(margins), *self.cells), np.float32)
+        first, last = max(low_x - widest, 0), min(high_x + widest + 1, self.cells[0])
+        left, right = max(low_y - widest, 0), min(high_y + widest + 1, self.cells[1])
+        here = (
+            slice(first - low_x + widest, last - low_x + widest),
+            slice(left - low_y + widest, right - low_y + widest),
+        )
+        found[:, first:last, left:right] = np.clip(scipy.fft.irfft2(sums, size)[:, here[0], here[1]], 0.0, 1.0)
+        return found
 
     def hits(self, one: Found) -> Floats32:
         """Probability that a press in each cell meets a found object, by hypotheses that stand for all, ``(X, Y)``."""

@@ -133,13 +133,14 @@ class PlaceOutcomes:
     references: NDArray[np.floating]
     scale: float
 
-    def log_probs(self, row: Any, i: Any, j: Any) -> Floats:
-        """Log p(reference | hypothesis) of hypotheses with offsets, ``(..., M)``."""
-        contacts = self.table.contacts
-        scores = self.scale * (contacts.embeddings[np.maximum(contacts.number[row, i, j], 0)] @ self.references.T)
-        scores = scores - self._level
-        scores -= scores.max(axis=-1, keepdims=True)
-        return np.asarray(scores - np.log(np.exp(scores).sum(axis=-1, keepdims=True)))
+    @cached_property
+    def log_probs(self) -> NDArray[np.floating]:
+        """Log p(reference | contact) of every contact of the table, ``(n, M)``."""
+        scores = self.scale * (self.table.contacts.embeddings @ self.references.T)
+        scores -= self._level.astype(scores.dtype)
+        scores -= scores.max(axis=1, keepdims=True)
+        scores -= np.log(np.exp(scores).sum(axis=1, keepdims=True))
+        return scores
 
     @cached_property
     def _level(self) -> Floats:
@@ -228,10 +229,11 @@ class InformationPerCost:
         hit = np.where(within, table.hit[row, i, j], 0.0)  # (c, h)
         height, spread = table.height[row, i, j], table.spread[row, i, j]
         deviation = np.sqrt(spread**2 + belief.noise.height**2)
-        image = self.outcomes.log_probs(row, i, j)  # (c, h, M)
+        image = self.outcomes.log_probs[np.maximum(table.contacts.number[row, i, j], 0)]  # (c, h, M)
         drawn_hit = rng.uniform(size=hit.shape) < hit
         drawn_height = height + deviation * rng.normal(size=hit.shape)
-        drawn = (image + rng.gumbel(size=image.shape)).argmax(axis=2)  # (c, h)
+        drawn = (np.exp(image).cumsum(axis=2) < rng.uniform(size=(*hit.shape, 1))).sum(axis=2)  # (c, h)
+        drawn = np.minimum(drawn, image.shape[2] - 1)
         scores = np.take_along_axis(image, drawn[:, None, :], axis=2)  # (c, h, outcome)
         z = (drawn_height[:, None, :] - height[:, :, None]) / deviation[:, :, None]
         met = np.log(np.maximum(hit, 1e-4))[:, :, None] - 0.5 * z**2 - np.log(deviation)[:, :, None] + scores
@@ -328,10 +330,11 @@ def _press(cell: NDArray[np.int64]) -> Press:
 
 def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
     """Cells on which the pad may come down: its face stays within the walls, and no touch was there; ``(X, Y)``."""
-    margin, sides = belief.table.half_width - 1e-9, []
-    for axis, number in enumerate(belief.cells):
-        middles = np.array([belief.centre((place, place))[axis] for place in range(number)])
-        sides.append((middles >= margin) & (middles <= belief.size[axis] - margin))
+    margin = belief.table.half_width - 1e-9
+    sides = [
+        (middles >= margin) & (middles <= size - margin)
+        for middles, size in zip(belief.middles, belief.size, strict=True)
+    ]
     allowed = np.asarray(sides[0][:, None] & sides[1])
     if belief.pressed:
         allowed[tuple(np.array(belief.pressed).T)] = False
@@ -340,11 +343,8 @@ def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
 
 def _distances(belief: TrayBelief, at: tuple[float, float]) -> Floats:
     """Of all cells from a place [m], ``(X, Y)``."""
-    sides = [
-        np.array([belief.centre((place, place))[axis] for place in range(number)]) - at[axis]
-        for axis, number in enumerate(belief.cells)
-    ]
-    return np.hypot(sides[0][:, None], sides[1])
+    along, across = belief.middles
+    return np.hypot((along - at[0])[:, None], across - at[1])
 
 
 def _entropy(probs: Any) -> Floats:
