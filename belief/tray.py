@@ -562,15 +562,11 @@ class TrayBelief:
             spectrum = scipy.fft.rfft2(masses.reshape(size))
             for place, radius in enumerate(radii[number].tolist()):
                 sums[place] += spectrum * _disc(radius, size)
-        found = np.zeros((len(margins), *self.cells), np.float32)
-        first, last = max(low_x - widest, 0), min(high_x + widest + 1, self.cells[0])
-        left, right = max(low_y - widest, 0), min(high_y + widest + 1, self.cells[1])
-        here = (
-            slice(first - low_x + widest, last - low_x + widest),
-            slice(left - low_y + widest, right - low_y + widest),
-        )
-        found[:, first:last, left:right] = np.clip(scipy.fft.irfft2(sums, size)[:, here[0], here[1]], 0.0, 1.0)
-        return found
+        along, across = self.cells
+        found = np.zeros((len(margins), along + 2 * widest, across + 2 * widest), np.float32)
+        discs = scipy.fft.irfft2(sums, size)[:, : shape[0], : shape[1]]
+        found[:, low_x : low_x + shape[0], low_y : low_y + shape[1]] = np.clip(discs, 0.0, 1.0)
+        return found[:, widest:-widest, widest:-widest]
 
     def hits(self, one: Found) -> Floats32:
         """Probability that a press in each cell meets a found object, by hypotheses that stand for all, ``(X, Y)``."""
