@@ -309,7 +309,7 @@ class TrayBelief:
     @property
     def middles(self) -> tuple[Floats, Floats]:
         """The middles of all cells along x and along y [m]."""
-        along, across = ((np.arange(number) + 0.5) * self.table.pitch for number in self.cells)
+        along, across = (np.asarray((np.arange(number) + 0.5) * self.table.pitch, float) for number in self.cells)
         return along + 0.5 * self._rest(0), across + 0.5 * self._rest(1)
 
     def _rest(self, axis: int) -> float:
