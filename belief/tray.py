@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from belief.constraints import Checked, NotNegative, Positive, Probability
@@ -135,11 +135,16 @@ class TouchNoise(Checked):
             that does not lie as any row says.
         push: largest distance along x and y by which a touch moves the object that it meets [m], at most the pitch.
         drift: share by which errors about one object come again: n touches count as n / (1 + drift · (n − 1)).
+        repeat: share by which the error of a touch comes again at the same place of an object; it falls with the
+            distance of the places as a normal density does.
+        near: standard deviation of that density [m].
     """
 
     height: Positive = 0.001
     scale: Positive = 0.9
     drift: NotNegative = 0.03
+    repeat: Probability = 0.8
+    near: Positive = 0.005
     outliers: Probability = 0.02
     push: NotNegative = 0.0
 
@@ -157,7 +162,7 @@ class Found:
 
     Attributes:
         first: number of the touch that met it first.
-        touches: number of touches that met it.
+        cells: of the touches that met it.
         row, x, y: of each hypothesis, ``(n,)``.
         base: log of prior times likelihood of heights, ``(n,)``.
         sums: log likelihood ratios of its images, ``(n,)``.
@@ -168,7 +173,7 @@ class Found:
     """
 
     first: int
-    touches: int
+    cells: tuple[tuple[int, int], ...]
     row: Ints
     x: Ints
     y: Ints
@@ -178,6 +183,16 @@ class Found:
     num_shapes: int
     shape: Ints
     log_unlisted: float = -np.inf
+
+    @property
+    def touches(self) -> int:
+        """Number of touches that met it."""
+        return len(self.cells)
+
+    def news(self, cells: ArrayLike, pitch: float) -> Floats:
+        """Share of a touch in each of these cells ``(c, 2)`` that does not repeat the touches before it, ``(c,)``."""
+        apart = (np.asarray(cells)[:, None] - np.array(self.cells)) * pitch / self.noise.near  # (c, touches, 2)
+        return np.asarray(np.prod(1.0 - self.noise.repeat * np.exp(-0.5 * (apart**2).sum(axis=2)), axis=1))
 
     @cached_property
     def log_weight(self) -> Floats:
@@ -362,7 +377,7 @@ class TrayBelief:
                 parts = row, x[kept], y[kept], base, scores[kept].astype(float)
                 unlisted = math.log(max(of_any, 1e-300)) - math.log(_TALL)
                 shape = self.table.shape_of[row]
-                fresh = Found(self.num_touches, 1, *parts, noise, len(self.table.labels), shape, unlisted)
+                fresh = Found(self.num_touches, (touch.cell,), *parts, noise, len(self.table.labels), shape, unlisted)
                 fresh = self._pushed(fresh)
         cache: dict[tuple[int, bool], Found | None] = {}
         worlds: list[World] = []
@@ -411,8 +426,9 @@ class TrayBelief:
                 number = number[hits]
                 parts = {name: getattr(one, name)[hits] for name in ("row", "x", "y", "shape")}
                 parts |= {"log_unlisted": one.log_unlisted + math.log(_MEETS / _TALL)}
-                parts |= {"base": one.base[hits] + felt.log_own[number], "sums": one.sums[hits] + felt.scores[number]}
-                found = self._pushed(replace(one, **parts, touches=one.touches + 1).pruned())
+                parts |= {"base": one.base[hits] + felt.log_own[number]}
+                parts |= {"sums": one.sums[hits] + one.news([cell], self.table.pitch)[0] * felt.scores[number]}
+                found = self._pushed(replace(one, **parts, cells=(*one.cells, cell)).pruned())
         cache[key] = found
         return found
 

@@ -50,7 +50,15 @@ class Oracle:
         places = np.full(len(rows), x), np.full(len(rows), y)
         base = np.log(table.prior[rows])
         return Found(
-            met, 1, rows, *places, base, np.zeros(len(rows)), self.belief.noise, len(table.labels), table.shape_of[rows]
+            met,
+            ((x, y),),
+            rows,
+            *places,
+            base,
+            np.zeros(len(rows)),
+            self.belief.noise,
+            len(table.labels),
+            table.shape_of[rows],
         )
 
 

@@ -235,6 +235,7 @@ class InformationPerCost:
         drawn = (np.exp(image).cumsum(axis=2) < rng.uniform(size=(*hit.shape, 1))).sum(axis=2)  # (c, h)
         drawn = np.minimum(drawn, image.shape[2] - 1)
         scores = np.take_along_axis(image, drawn[:, None, :], axis=2)  # (c, h, outcome)
+        scores *= one.news(cells, table.pitch)[:, None, None]
         z = (drawn_height[:, None, :] - height[:, :, None]) / deviation[:, :, None]
         met = np.log(np.maximum(hit, 1e-4))[:, :, None] - 0.5 * z**2 - np.log(deviation)[:, :, None] + scores
         missed = np.log(np.maximum(1.0 - hit, 1e-4))[:, :, None]
