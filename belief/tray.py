@@ -354,6 +354,8 @@ class TrayBelief:
         before = self.intensity.ravel()[where]
         intensity = self.intensity.copy()
         intensity.ravel()[where] = before * lower[inside]
+        where = (self.table.shape_of[contacts.row[inside]] * self.cells[0] + x[inside]) * self.cells[1] + y[inside]
+        gone = np.bincount(where, before - before * lower[inside], self.by_shape.size).reshape(self.by_shape.shape)
         own = scores = None
         of_any = 0.0
         if touch.embedding is not None:
@@ -393,8 +395,10 @@ class TrayBelief:
             has_room = fresh is not None and len(world.found) < self.num_objects
             if fresh is not None and has_room and (new := self._kept_apart(fresh, world)) is not None:
                 worlds.append(replace(world, found=(*others, new)))
-        pressed = (*self.pressed, touch.cell)
-        return replace(self, intensity=intensity, pressed=pressed)._weighed(worlds)
+        after = replace(self, intensity=intensity, pressed=(*self.pressed, touch.cell))
+        vars(after)["by_shape"] = np.maximum(self.by_shape - gone, 0.0)  # a sum over all rows takes longer
+        object.__setattr__(after, "worlds", after._likeliest(worlds))
+        return after
 
     def _kept_apart(self, new: Found, world: World) -> Found | None:
         """A new object, not where a found one is."""
@@ -454,8 +458,8 @@ class TrayBelief:
 
     # --- weights of worlds and answers
 
-    def _weighed(self, worlds: Sequence[World]) -> TrayBelief:
-        """With the likeliest of these worlds, in the order of their weights."""
+    def _likeliest(self, worlds: Sequence[World]) -> tuple[World, ...]:
+        """The likeliest of these worlds, in the order of their weights."""
         anywhere = self.by_shape.sum(axis=(1, 2), dtype=float)
         bounds = np.array([self._log_answers(world, anywhere)[1] for world in worlds])  # as if objects could overlap
         best: list[tuple[float, int, Floats]] = []
@@ -469,14 +473,11 @@ class TrayBelief:
         highest = best[0][0]
         if not highest > -np.inf:
             raise ImpossibleObservation("the touches are impossible for every arrangement of the objects in the tray")
-        kept = [
+        return tuple(
             replace(worlds[number], log_weight=total - highest, log_answers=answers)
             for total, number, answers in best
             if total > highest + np.log(_DEAD)
-        ]
-        after = replace(self, worlds=tuple(kept))
-        vars(after)["by_shape"] = self.by_shape  # of the same intensity
-        return after
+        )
 
     def _log_answers(self, world: World, masses: Floats) -> tuple[Floats, float]:
         """Log weights of the answers: each found object, one not found, absent ``(n + 2,)``; and of their sum.
@@ -530,11 +531,10 @@ class TrayBelief:
         return np.einsum("kxy,kxy->k", shapes, self.outside(world), dtype=float)
 
     @cached_property
-    def by_shape(self) -> Floats32:
+    def by_shape(self) -> Floats:
         """The intensity of each shape, whatever the row, ``(K, X, Y)``."""
-        of_shape = self.table.shape_of == np.arange(len(self.table.labels))[:, None]
-        sums = of_shape.astype(self.intensity.dtype) @ self.intensity.reshape(len(self.intensity), -1)
-        return np.asarray(sums.reshape(-1, *self.cells))
+        first = np.flatnonzero(np.diff(self.table.shape_of, prepend=-1))
+        return np.add.reduceat(self.intensity, first, axis=0, dtype=float)
 
     def outside(self, world: World) -> Floats32:
         """Probability that an object of each shape with its middle in a cell overlaps with no found one, ``(K, X, Y)``.
