@@ -430,8 +430,13 @@ class TrayBelief:
                 number = number[hits]
                 parts = {name: getattr(one, name)[hits] for name in ("row", "x", "y", "shape")}
                 parts |= {"log_unlisted": one.log_unlisted + math.log(_MEETS / _TALL)}
-                parts |= {"base": one.base[hits] + felt.log_own[number]}
-                parts |= {"sums": one.sums[hits] + one.news([cell], self.table.pitch)[0] * felt.scores[number]}
+                new, at_any_height = (
+                    one.news([cell], self.table.pitch)[0],
+                    np.log(self.table.contacts.hit[number] / _TALL),
+                )
+                heights = new * (felt.log_own[number] - at_any_height)
+                parts |= {"base": one.base[hits] + at_any_height + heights}
+                parts |= {"sums": one.sums[hits] + new * felt.scores[number]}
                 found = self._pushed(replace(one, **parts, cells=(*one.cells, cell)).pruned())
         cache[key] = found
         return found

@@ -192,12 +192,12 @@ class InformationPerCost:
         left = belief.num_objects - len(world.found)
         if left == 0:
             return np.zeros(belief.cells)
-        missed_others = (1.0 - of_others) ** np.maximum(left - 1, 0)
-        hit_if = of_target + (1.0 - of_target) * (1.0 - missed_others)
-        hit_else = 1.0 - (1.0 - of_others) ** left
-        hit = unfound * hit_if + (1.0 - unfound) * hit_else
-        told = _entropy(hit) - unfound * _entropy(hit_if) - (1.0 - unfound) * _entropy(hit_else)
-        share = unfound * of_target / np.maximum(hit, 1e-12)
+        here, elsewhere = unfound * of_target, unfound * (1.0 - of_target)  # the target that was not found
+        if_elsewhere = 1.0 - (1.0 - of_others) ** np.maximum(left - 1, 0)
+        if_not = 1.0 - (1.0 - of_others) ** left
+        hit = here + elsewhere * if_elsewhere + (1.0 - unfound) * if_not
+        told = _entropy(hit) - elsewhere * _entropy(if_elsewhere) - (1.0 - unfound) * _entropy(if_not)
+        share = here / np.maximum(hit, 1e-12)
         return np.asarray(told + self.first_share * hit * _entropy(np.clip(share, 0.0, 1.0)))
 
     def of_found(self, belief: TrayBelief, one: Found, prob: float, rng: np.random.Generator) -> tuple[Any, Floats]:
