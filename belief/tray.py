@@ -520,6 +520,12 @@ class TrayBelief:
         )
         return Answers(probs[:-2], float(probs[-2]), float(probs[-1]))
 
+    @property
+    def weights(self) -> Floats:
+        """Probability of each world, ``(W,)``."""
+        weights = np.exp([world.log_weight for world in self.worlds])
+        return np.asarray(weights / weights.sum())
+
     def place_of_target(self, one: Found) -> tuple[float, float]:
         """Mean place of a found object if it is the target [m]; of all its hypotheses if it cannot be."""
         shapes = np.where(np.arange(one.num_shapes) == self.target, 0.0, -np.inf)

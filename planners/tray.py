@@ -22,6 +22,7 @@ from belief.validation import Floats
 _FEW = 32  # hypotheses of an object that outcomes are drawn from
 _LEAST = 0.002  # probability of being the target above which an object is examined
 _NEGLIGIBLE = 1e-6  # probability of an object that is not listed
+_WEIGHED = 0.02  # probability of a world above which its information counts
 _EXAMINED = 4  # objects that are examined at most
 
 
@@ -57,11 +58,14 @@ class TrayRules(Checked):
         travel: cost of a metre of travel, in touches.
         sure: stated probability from which the target is confirmed, or said to be absent.
         most_touches: after which the answer is "I do not know".
+        least_gain: expected information about the answer [nats] below which no press is worth a touch, so that the
+            answer is "I do not know"; asked by ``information_per_cost``.
     """
 
     travel: NotNegative = 20.0
     sure: Share = 0.95
     most_touches: Count = 150
+    least_gain: NotNegative = 0.005
 
 
 class TrayDecider(Protocol):
@@ -95,17 +99,20 @@ def stop(standing: Standing, num_touches: int, rules: TrayRules) -> TrayDecision
     if standing.absent >= rules.sure:
         return TrayDecision(Reject(), {"stated": standing.absent})
     if num_touches >= rules.most_touches:
-        return TrayDecision(Unsure(), {"stated": max(standing.target, standing.absent)})
+        return TrayDecision(Unsure(), {"stated": stated(standing)})
     return None
+
+
+def stated(standing: Standing) -> float:
+    """Probability of the likeliest answer."""
+    return max(standing.target, standing.absent)
 
 
 def standing_of(belief: TrayBelief) -> Standing:
     """Where the target may be. Objects that different worlds have at one place are one."""
-    weights = np.exp([world.log_weight for world in belief.worlds])
-    weights /= weights.sum()
     absent = unfound = 0.0
     listed: list[tuple[float, tuple[float, float]]] = []
-    for weight, world in zip(weights.tolist(), belief.worlds, strict=True):
+    for weight, world in zip(belief.weights.tolist(), belief.worlds, strict=True):
         answers = belief.answers(world)
         absent += weight * answers.absent
         unfound += weight * answers.unfound
@@ -172,19 +179,27 @@ class InformationPerCost:
 
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
         """See :class:`TrayDecider`."""
-        world = belief.worlds[0]
-        answers = belief.answers(world)
-        gains = self._of_new(belief, world, answers.unfound)
-        order = np.argsort(-answers.found)[:_EXAMINED]
-        for number in order.tolist():
-            if answers.found[number] * (1.0 - answers.found[number]) > _LEAST:
-                cells, gain = self.of_found(belief, world.found[number], float(answers.found[number]), rng)
-                gains[tuple(cells.T)] = np.maximum(gains[tuple(cells.T)], gain)
+        gains = _of_worlds(belief)
+        for weight, world in zip(belief.weights.tolist(), belief.worlds, strict=True):
+            if weight > _WEIGHED:
+                gains += weight * self._in(belief, world, rng)
         allowed = _allowed(belief)
         cost = 1.0 + self.rules.travel * _distances(belief, at)
         index = np.where(allowed, gains / cost, -1.0)
         best = int(index.argmax())
+        if gains[allowed].max() < self.rules.least_gain:
+            return TrayDecision(Unsure(), {"stated": stated(standing_of(belief))})
         return TrayDecision(_press(np.array(np.unravel_index(best, index.shape))), {"gain": float(gains.ravel()[best])})
+
+    def _in(self, belief: TrayBelief, world: World, rng: np.random.Generator) -> Floats:
+        """Expected information of a press of each cell if a world is true, ``(X, Y)`` [nats]."""
+        answers = belief.answers(world)
+        gains = self._of_new(belief, world, answers.unfound)
+        for number in np.argsort(-answers.found)[:_EXAMINED].tolist():
+            if answers.found[number] * (1.0 - answers.found[number]) > _LEAST:
+                cells, gain = self.of_found(belief, world.found[number], float(answers.found[number]), rng)
+                gains[tuple(cells.T)] = np.maximum(gains[tuple(cells.T)], gain)
+        return gains
 
     def _of_new(self, belief: TrayBelief, world: World, unfound: float) -> Floats:
         """Expected information of a press of a place where nothing was found, ``(X, Y)`` [nats]."""
@@ -304,6 +319,28 @@ def raster(size: tuple[float, float], spacing: float) -> list[tuple[float, float
     xs, ys = ((np.arange(n) + 0.5) / n * edge for n, edge in ((along, size[0]), (across, size[1])))
     rows = [(xs if row % 2 == 0 else xs[::-1], y) for row, y in enumerate(ys)]
     return [(float(round(x, 9)), float(round(y, 9))) for row, y in rows for x in row]
+
+
+def _of_worlds(belief: TrayBelief) -> Floats:
+    """Expected information about the likeliest answer from whether a press meets a found object, ``(X, Y)`` [nats].
+
+    It is that by which the worlds differ.
+    """
+    if len(belief.worlds) == 1:
+        return np.zeros(belief.cells)
+    standing, true = standing_of(belief), []
+    for world in belief.worlds:
+        answers = belief.answers(world)
+        prob = answers.absent
+        if standing.target > standing.absent:
+            places = np.array([belief.place_of_target(one) for one in world.found]).reshape(-1, 2)
+            prob = answers.found[np.hypot(*(places - standing.places[0][0]).T) < SAME_PLACE].sum()
+        true.append(prob)
+    met = 1.0 - np.array([belief.unmet(world) for world in belief.worlds])  # (W, X, Y)
+    probs = np.stack([true, 1.0 - np.array(true)]) * belief.weights  # (answer, W)
+    given = np.tensordot(probs, met, 1) / np.maximum(probs.sum(axis=1), 1e-12)[:, None, None]
+    conditional = np.tensordot(probs.sum(axis=1), _entropy(given), 1)
+    return np.asarray(_entropy(np.tensordot(belief.weights, met, 1)) - conditional)
 
 
 def cover(belief: TrayBelief, world: World) -> tuple[Floats, Floats]:
