@@ -245,19 +245,21 @@ class InformationPerCost:
         height, spread = table.height[row, i, j], table.spread[row, i, j]
         deviation = np.sqrt(spread**2 + belief.noise.height**2)
         image = self.outcomes.log_probs[np.maximum(table.contacts.number[row, i, j], 0)]  # (c, h, M)
-        drawn_hit = rng.uniform(size=hit.shape) < hit
-        drawn_height = height + deviation * rng.normal(size=hit.shape)
-        drawn = (np.exp(image).cumsum(axis=2) < rng.uniform(size=(*hit.shape, 1))).sum(axis=2)  # (c, h)
+        drawn_hit = rng.random(hit.shape, np.float32) < hit
+        drawn_height = height + deviation * rng.standard_normal(hit.shape, np.float32)
+        drawn = (np.exp(image).cumsum(axis=2) < rng.random((*hit.shape, 1), np.float32)).sum(axis=2)  # (c, h)
         drawn = np.minimum(drawn, image.shape[2] - 1)
         scores = np.take_along_axis(image, drawn[:, None, :], axis=2)  # (c, h, outcome)
-        scores *= one.news(cells, table.pitch)[:, None, None]
+        scores *= one.news(cells, table.pitch)[:, None, None].astype(scores.dtype)
         z = (drawn_height[:, None, :] - height[:, :, None]) / deviation[:, :, None]
         met = np.log(np.maximum(hit, 1e-4))[:, :, None] - 0.5 * z**2 - np.log(deviation)[:, :, None] + scores
         missed = np.log(np.maximum(1.0 - hit, 1e-4))[:, :, None]
         likelihood = np.where(drawn_hit[:, None, :], met, missed)  # (c, hypothesis, outcome)
         top = likelihood.max(axis=1)
         likelihood = np.exp(likelihood - top[:, None])
-        given = np.stack([likelihood[:, of_target].mean(axis=1), likelihood[:, ~of_target].mean(axis=1)])  # (2, c, o)
+        given = np.stack(
+            [likelihood[:, some].mean(axis=1, dtype=float) for some in (of_target, ~of_target)]
+        )  # (2, c, o)
         posterior = prob * given[0] / np.maximum(prob * given[0] + (1.0 - prob) * given[1], 1e-300)
         weight = np.where(of_target, prob, 1.0 - prob) / (_FEW // 2)
         expected = (_entropy(posterior) * weight).sum(axis=1)
