@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import NDArray
-from scipy.special import logsumexp, ndtr
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from belief.constraints import Checked, NotNegative, Positive, Probability
 from belief.errors import ImpossibleObservation
@@ -135,11 +135,16 @@ class TouchNoise(Checked):
             that does not lie as any row says.
         push: largest distance along x and y by which a touch moves the object that it meets [m], at most the pitch.
         drift: share by which errors about one object come again: n touches count as n / (1 + drift · (n − 1)).
+        repeat: share by which the error of a touch comes again at the same place of an object; it falls with the
+            distance of the places as a normal density does.
+        near: standard deviation of that density [m].
     """
 
     height: Positive = 0.001
     scale: Positive = 0.9
     drift: NotNegative = 0.03
+    repeat: Probability = 0.8
+    near: Positive = 0.005
     outliers: Probability = 0.02
     push: NotNegative = 0.0
 
@@ -157,7 +162,7 @@ class Found:
 
     Attributes:
         first: number of the touch that met it first.
-        touches: number of touches that met it.
+        cells: of the touches that met it.
         row, x, y: of each hypothesis, ``(n,)``.
         base: log of prior times likelihood of heights, ``(n,)``.
         sums: log likelihood ratios of its images, ``(n,)``.
@@ -168,7 +173,7 @@ class Found:
     """
 
     first: int
-    touches: int
+    cells: tuple[tuple[int, int], ...]
     row: Ints
     x: Ints
     y: Ints
@@ -178,6 +183,16 @@ class Found:
     num_shapes: int
     shape: Ints
     log_unlisted: float = -np.inf
+
+    @property
+    def touches(self) -> int:
+        """Number of touches that met it."""
+        return len(self.cells)
+
+    def news(self, cells: ArrayLike, pitch: float) -> Floats:
+        """Share of a touch in each of these cells ``(c, 2)`` that does not repeat the touches before it, ``(c,)``."""
+        apart = (np.asarray(cells)[:, None] - np.array(self.cells)) * pitch / self.noise.near  # (c, touches, 2)
+        return np.asarray(np.prod(1.0 - self.noise.repeat * np.exp(-0.5 * (apart**2).sum(axis=2)), axis=1))
 
     @cached_property
     def log_weight(self) -> Floats:
@@ -290,7 +305,7 @@ class TrayBelief:
         """Touches so far, misses as well."""
         return len(self.pressed)
 
-    @property
+    @cached_property
     def cells(self) -> tuple[int, int]:
         """Cells of the tray along x and y."""
         along, across = (int(edge / self.table.pitch + 1e-9) for edge in self.size)
@@ -306,14 +321,18 @@ class TrayBelief:
         found = [int((v - 0.5 * self._rest(axis)) // self.table.pitch) for axis, v in enumerate((x, y))]
         return min(max(found[0], 0), self.cells[0] - 1), min(max(found[1], 0), self.cells[1] - 1)
 
+    @property
+    def middles(self) -> tuple[Floats, Floats]:
+        """The middles of all cells along x and along y [m]."""
+        along, across = (np.asarray((np.arange(number) + 0.5) * self.table.pitch, float) for number in self.cells)
+        return along + 0.5 * self._rest(0), across + 0.5 * self._rest(1)
+
     def _rest(self, axis: int) -> float:
         return self.size[axis] - self.cells[axis] * self.table.pitch
 
     def _prior(self) -> Floats32:
-        middles = [self.centre((place, place)) for place in range(max(self.cells))]
         inside = []
-        for axis, number in enumerate(self.cells):
-            along = np.array([middle[axis] for middle in middles[:number]])
+        for axis, along in enumerate(self.middles):
             extent = self.table.extents[:, axis, None]
             inside.append((along >= extent) & (along <= self.size[axis] - extent))
         fits = (inside[0][:, :, None] & inside[1][:, None, :]).astype(self.table.hit.dtype)
@@ -335,6 +354,8 @@ class TrayBelief:
         before = self.intensity.ravel()[where]
         intensity = self.intensity.copy()
         intensity.ravel()[where] = before * lower[inside]
+        where = (self.table.shape_of[contacts.row[inside]] * self.cells[0] + x[inside]) * self.cells[1] + y[inside]
+        gone = np.bincount(where, before - before * lower[inside], self.by_shape.size).reshape(self.by_shape.shape)
         own = scores = None
         of_any = 0.0
         if touch.embedding is not None:
@@ -358,7 +379,7 @@ class TrayBelief:
                 parts = row, x[kept], y[kept], base, scores[kept].astype(float)
                 unlisted = math.log(max(of_any, 1e-300)) - math.log(_TALL)
                 shape = self.table.shape_of[row]
-                fresh = Found(self.num_touches, 1, *parts, noise, len(self.table.labels), shape, unlisted)
+                fresh = Found(self.num_touches, (touch.cell,), *parts, noise, len(self.table.labels), shape, unlisted)
                 fresh = self._pushed(fresh)
         cache: dict[tuple[int, bool], Found | None] = {}
         worlds: list[World] = []
@@ -374,8 +395,10 @@ class TrayBelief:
             has_room = fresh is not None and len(world.found) < self.num_objects
             if fresh is not None and has_room and (new := self._kept_apart(fresh, world)) is not None:
                 worlds.append(replace(world, found=(*others, new)))
-        pressed = (*self.pressed, touch.cell)
-        return replace(self, intensity=intensity, worlds=tuple(worlds), pressed=pressed)._weighed()
+        after = replace(self, intensity=intensity, pressed=(*self.pressed, touch.cell))
+        vars(after)["by_shape"] = np.maximum(self.by_shape - gone, 0.0)  # a sum over all rows takes longer
+        object.__setattr__(after, "worlds", after._likeliest(worlds))
+        return after
 
     def _kept_apart(self, new: Found, world: World) -> Found | None:
         """A new object, not where a found one is."""
@@ -407,8 +430,14 @@ class TrayBelief:
                 number = number[hits]
                 parts = {name: getattr(one, name)[hits] for name in ("row", "x", "y", "shape")}
                 parts |= {"log_unlisted": one.log_unlisted + math.log(_MEETS / _TALL)}
-                parts |= {"base": one.base[hits] + felt.log_own[number], "sums": one.sums[hits] + felt.scores[number]}
-                found = self._pushed(replace(one, **parts, touches=one.touches + 1).pruned())
+                new, at_any_height = (
+                    one.news([cell], self.table.pitch)[0],
+                    np.log(self.table.contacts.hit[number] / _TALL),
+                )
+                heights = new * (felt.log_own[number] - at_any_height)
+                parts |= {"base": one.base[hits] + at_any_height + heights}
+                parts |= {"sums": one.sums[hits] + new * felt.scores[number]}
+                found = self._pushed(replace(one, **parts, cells=(*one.cells, cell)).pruned())
         cache[key] = found
         return found
 
@@ -434,31 +463,41 @@ class TrayBelief:
 
     # --- weights of worlds and answers
 
-    def _weighed(self) -> TrayBelief:
-        """With worlds in the order of their weights, without improbable ones."""
-        answers, totals = zip(*(self._log_answers(world) for world in self.worlds), strict=True)
-        logs = np.array(totals)
-        if not logs.max(initial=-np.inf) > -np.inf:
+    def _likeliest(self, worlds: Sequence[World]) -> tuple[World, ...]:
+        """The likeliest of these worlds, in the order of their weights."""
+        anywhere = self.by_shape.sum(axis=(1, 2), dtype=float)
+        bounds = np.array([self._log_answers(world, anywhere)[1] for world in worlds])  # as if objects could overlap
+        best: list[tuple[float, int, Floats]] = []
+        for number in np.argsort(-bounds, kind="stable").tolist():
+            if best and bounds[number] <= best[0][0] + np.log(_DEAD):
+                break
+            if len(best) == self.most_worlds and bounds[number] <= best[-1][0]:
+                break
+            answers, total = self._log_answers(worlds[number], self.masses(worlds[number]))
+            best = sorted([*best, (total, number, answers)], key=lambda one: (-one[0], one[1]))[: self.most_worlds]
+        highest = best[0][0]
+        if not highest > -np.inf:
             raise ImpossibleObservation("the touches are impossible for every arrangement of the objects in the tray")
-        order = np.argsort(-logs, kind="stable")[: self.most_worlds]
-        kept = [one for one in order if logs[one] > logs[order[0]] + np.log(_DEAD)]
-        worlds = tuple(
-            replace(self.worlds[one], log_weight=float(logs[one] - logs[order[0]]), log_answers=answers[one])
-            for one in kept
+        return tuple(
+            replace(worlds[number], log_weight=total - highest, log_answers=answers)
+            for total, number, answers in best
+            if total > highest + np.log(_DEAD)
         )
-        return replace(self, worlds=worlds)
 
-    def _log_answers(self, world: World) -> tuple[Floats, float]:
-        """Log weights of the answers: each found object, one not found, absent ``(n + 2,)``; and of their sum."""
+    def _log_answers(self, world: World, masses: Floats) -> tuple[Floats, float]:
+        """Log weights of the answers: each found object, one not found, absent ``(n + 2,)``; and of their sum.
+
+        ``masses`` are those of :meth:`masses`.
+        """
         target, number, num_shapes = self.target, self.num_objects, len(self.table.labels)
         left, others = number - len(world.found), max(num_shapes - 1, 1)
         evidence = np.array([one.evidence for one in world.found]).reshape(-1, num_shapes)
         with np.errstate(divide="ignore"):
-            masses = np.log(self.masses(world))
+            masses = np.log(masses)
             of_others = np.full(len(evidence) + 1, -np.inf)  # each found object, and all that are not found
             if num_shapes > 1:
                 rest = np.delete(np.vstack([evidence, masses]), target, axis=1)
-                of_others = logsumexp(rest, axis=1) - np.log(others)
+                of_others = np.logaddexp.reduce(rest, axis=1) - np.log(others)
             if self.unlisted:
                 strange = [one.log_unlisted for one in world.found] + [of_others[-1]]
                 of_others = np.logaddexp(of_others + np.log1p(-self.unlisted), strange + np.log(self.unlisted))
@@ -471,13 +510,21 @@ class TrayBelief:
                 rest_unfound = (left - 1) * of_others[-1] if left > 1 else 0.0
                 logs[-2] = np.log(left) + share + masses[target] + rest_unfound + of_others[:-1].sum()
         logs += np.log(np.arange(left + 1, number + 1, dtype=float)).sum() + world.log_odd
-        total = float(logsumexp(logs))
+        total = float(np.logaddexp.reduce(logs))
         return (logs - total if total > -np.inf else logs), total
 
     def answers(self, world: World) -> Answers:
         """Where the target is, in one world."""
-        probs = np.exp(self._log_answers(world)[0] if world.log_answers is None else world.log_answers)
+        probs = np.exp(
+            self._log_answers(world, self.masses(world))[0] if world.log_answers is None else world.log_answers
+        )
         return Answers(probs[:-2], float(probs[-2]), float(probs[-1]))
+
+    @property
+    def weights(self) -> Floats:
+        """Probability of each world, ``(W,)``."""
+        weights = np.exp([world.log_weight for world in self.worlds])
+        return np.asarray(weights / weights.sum())
 
     def place_of_target(self, one: Found) -> tuple[float, float]:
         """Mean place of a found object if it is the target [m]; of all its hypotheses if it cannot be."""
@@ -495,9 +542,10 @@ class TrayBelief:
         return np.einsum("kxy,kxy->k", shapes, self.outside(world), dtype=float)
 
     @cached_property
-    def by_shape(self) -> Floats32:
+    def by_shape(self) -> Floats:
         """The intensity of each shape, whatever the row, ``(K, X, Y)``."""
-        return np.add.reduceat(self.intensity, np.flatnonzero(np.diff(self.table.shape_of, prepend=-1)), axis=0)
+        first = np.flatnonzero(np.diff(self.table.shape_of, prepend=-1))
+        return np.add.reduceat(self.intensity, first, axis=0, dtype=float)
 
     def outside(self, world: World) -> Floats32:
         """Probability that an object of each shape with its middle in a cell overlaps with no found one, ``(K, X, Y)``.
@@ -526,19 +574,26 @@ class TrayBelief:
 
     def discs(self, one: Found, margins: tuple[float, ...]) -> Floats32:
         """Probability that the disc which a found object covers is within each margin [m] of a cell, ``(M, X, Y)``."""
-        probs, (along, across) = one.probs(np.zeros(one.num_shapes)), self.cells
+        probs, (low_x, high_x, low_y, high_y) = one.probs(np.zeros(one.num_shapes)), one.box
         widest = int((self.table.inner.max() + max(margins)) / self.table.pitch) + 2
-        size = tuple(scipy.fft.next_fast_len(number + 2 * widest, True) for number in self.cells)
-        inner, of_disc = np.unique(self.table.inner[one.row], return_inverse=True)
+        shape = high_x - low_x + 1 + 2 * widest, high_y - low_y + 1 + 2 * widest  # all that the discs can reach
+        size = tuple(scipy.fft.next_fast_len(number, True) for number in shape)
+        places = (one.x - low_x + widest) * size[1] + one.y - low_y + widest
+        radii = np.rint((self.table.inner[:, None] + margins) / self.table.pitch).astype(int)
+        radii, of_disc = np.unique(radii, axis=0, return_inverse=True)
         sums = np.zeros((len(margins), size[0], size[1] // 2 + 1), np.complex64)
-        for number, radius in enumerate(inner.tolist()):
-            some = of_disc == number
-            masses = np.bincount(one.x[some] * across + one.y[some], probs[some], along * across)
-            spectrum = scipy.fft.rfft2(masses.reshape(along, across).astype(np.float32), size)
-            for place, margin in enumerate(margins):
-                sums[place] += spectrum * _disc(round((radius + margin) / self.table.pitch), size)
-        found = scipy.fft.irfft2(sums, size)
-        return np.clip(found[:, :along, :across], 0.0, 1.0)
+        disc = of_disc.ravel()[one.row]
+        for number in np.flatnonzero(np.bincount(disc)).tolist():
+            some = disc == number
+            masses = np.bincount(places[some], probs[some], size[0] * size[1]).astype(np.float32)
+            spectrum = scipy.fft.rfft2(masses.reshape(size))
+            for place, radius in enumerate(radii[number].tolist()):
+                sums[place] += spectrum * _disc(radius, size)
+        along, across = self.cells
+        found = np.zeros((len(margins), along + 2 * widest, across + 2 * widest), np.float32)
+        discs = scipy.fft.irfft2(sums, size)[:, : shape[0], : shape[1]]
+        found[:, low_x : low_x + shape[0], low_y : low_y + shape[1]] = np.clip(discs, 0.0, 1.0)
+        return found[:, widest:-widest, widest:-widest]
 
     def hits(self, one: Found) -> Floats32:
         """Probability that a press in each cell meets a found object, by hypotheses that stand for all, ``(X, Y)``."""

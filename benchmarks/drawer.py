@@ -50,7 +50,15 @@ class Oracle:
         places = np.full(len(rows), x), np.full(len(rows), y)
         base = np.log(table.prior[rows])
         return Found(
-            met, 1, rows, *places, base, np.zeros(len(rows)), self.belief.noise, len(table.labels), table.shape_of[rows]
+            met,
+            ((x, y),),
+            rows,
+            *places,
+            base,
+            np.zeros(len(rows)),
+            self.belief.noise,
+            len(table.labels),
+            table.shape_of[rows],
         )
 
 
@@ -113,12 +121,15 @@ def main() -> None:
     parser.add_argument("--push", type=float, default=0.0, help="largest push of a touch [mm]")
     parser.add_argument("--oracle", type=int, default=0, help="searches of the oracle")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--out", type=Path, help="folder in which finished searches are kept")
     given = parser.parse_args()
     tray = Tray(push=given.push / 1e3, unlisted=0.3 if given.strangers else 0.0)
     worlds: dict[str, Any] = {"sensor": given.sensor, "shapes": given.folder, "strangers": given.strangers or ()}
     for seed in given.seeds:
         start = time.perf_counter()
-        found = drawer(given.deciders, num_searches=given.searches, seed=seed, tray=tray, jobs=given.jobs, **worlds)
+        shared: dict[str, Any] = {"num_searches": given.searches, "seed": seed, "tray": tray, "jobs": given.jobs}
+        out = None if given.out is None else given.out / f"{given.sensor}_{seed}"
+        found = drawer(given.deciders, **shared, **worlds, out=out)
         for row in found.rows():
             row |= {name: np.nan for name, value in row.items() if value is None}
             low, high = row["right_interval"] if row["answered"] else (0.0, 1.0)

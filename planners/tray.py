@@ -22,6 +22,7 @@ from belief.validation import Floats
 _FEW = 32  # hypotheses of an object that outcomes are drawn from
 _LEAST = 0.002  # probability of being the target above which an object is examined
 _NEGLIGIBLE = 1e-6  # probability of an object that is not listed
+_WEIGHED = 0.02  # probability of a world above which its information counts
 _EXAMINED = 4  # objects that are examined at most
 
 
@@ -57,11 +58,14 @@ class TrayRules(Checked):
         travel: cost of a metre of travel, in touches.
         sure: stated probability from which the target is confirmed, or said to be absent.
         most_touches: after which the answer is "I do not know".
+        least_gain: expected information about the answer [nats] below which no press is worth a touch, so that the
+            answer is "I do not know"; asked by ``information_per_cost``.
     """
 
     travel: NotNegative = 20.0
     sure: Share = 0.95
     most_touches: Count = 150
+    least_gain: NotNegative = 0.005
 
 
 class TrayDecider(Protocol):
@@ -95,17 +99,20 @@ def stop(standing: Standing, num_touches: int, rules: TrayRules) -> TrayDecision
     if standing.absent >= rules.sure:
         return TrayDecision(Reject(), {"stated": standing.absent})
     if num_touches >= rules.most_touches:
-        return TrayDecision(Unsure(), {"stated": max(standing.target, standing.absent)})
+        return TrayDecision(Unsure(), {"stated": stated(standing)})
     return None
+
+
+def stated(standing: Standing) -> float:
+    """Probability of the likeliest answer."""
+    return max(standing.target, standing.absent)
 
 
 def standing_of(belief: TrayBelief) -> Standing:
     """Where the target may be. Objects that different worlds have at one place are one."""
-    weights = np.exp([world.log_weight for world in belief.worlds])
-    weights /= weights.sum()
     absent = unfound = 0.0
     listed: list[tuple[float, tuple[float, float]]] = []
-    for weight, world in zip(weights.tolist(), belief.worlds, strict=True):
+    for weight, world in zip(belief.weights.tolist(), belief.worlds, strict=True):
         answers = belief.answers(world)
         absent += weight * answers.absent
         unfound += weight * answers.unfound
@@ -133,13 +140,14 @@ class PlaceOutcomes:
     references: NDArray[np.floating]
     scale: float
 
-    def log_probs(self, row: Any, i: Any, j: Any) -> Floats:
-        """Log p(reference | hypothesis) of hypotheses with offsets, ``(..., M)``."""
-        contacts = self.table.contacts
-        scores = self.scale * (contacts.embeddings[np.maximum(contacts.number[row, i, j], 0)] @ self.references.T)
-        scores = scores - self._level
-        scores -= scores.max(axis=-1, keepdims=True)
-        return np.asarray(scores - np.log(np.exp(scores).sum(axis=-1, keepdims=True)))
+    @cached_property
+    def log_probs(self) -> NDArray[np.floating]:
+        """Log p(reference | contact) of every contact of the table, ``(n, M)``."""
+        scores = self.scale * (self.table.contacts.embeddings @ self.references.T)
+        scores -= self._level.astype(scores.dtype)
+        scores -= scores.max(axis=1, keepdims=True)
+        scores -= np.log(np.exp(scores).sum(axis=1, keepdims=True))
+        return scores
 
     @cached_property
     def _level(self) -> Floats:
@@ -171,19 +179,27 @@ class InformationPerCost:
 
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
         """See :class:`TrayDecider`."""
-        world = belief.worlds[0]
-        answers = belief.answers(world)
-        gains = self._of_new(belief, world, answers.unfound)
-        order = np.argsort(-answers.found)[:_EXAMINED]
-        for number in order.tolist():
-            if answers.found[number] * (1.0 - answers.found[number]) > _LEAST:
-                cells, gain = self.of_found(belief, world.found[number], float(answers.found[number]), rng)
-                gains[tuple(cells.T)] = np.maximum(gains[tuple(cells.T)], gain)
+        gains = _of_worlds(belief)
+        for weight, world in zip(belief.weights.tolist(), belief.worlds, strict=True):
+            if weight > _WEIGHED:
+                gains += weight * self._in(belief, world, rng)
         allowed = _allowed(belief)
         cost = 1.0 + self.rules.travel * _distances(belief, at)
         index = np.where(allowed, gains / cost, -1.0)
         best = int(index.argmax())
+        if gains[allowed].max() < self.rules.least_gain:
+            return TrayDecision(Unsure(), {"stated": stated(standing_of(belief))})
         return TrayDecision(_press(np.array(np.unravel_index(best, index.shape))), {"gain": float(gains.ravel()[best])})
+
+    def _in(self, belief: TrayBelief, world: World, rng: np.random.Generator) -> Floats:
+        """Expected information of a press of each cell if a world is true, ``(X, Y)`` [nats]."""
+        answers = belief.answers(world)
+        gains = self._of_new(belief, world, answers.unfound)
+        for number in np.argsort(-answers.found)[:_EXAMINED].tolist():
+            if answers.found[number] * (1.0 - answers.found[number]) > _LEAST:
+                cells, gain = self.of_found(belief, world.found[number], float(answers.found[number]), rng)
+                gains[tuple(cells.T)] = np.maximum(gains[tuple(cells.T)], gain)
+        return gains
 
     def _of_new(self, belief: TrayBelief, world: World, unfound: float) -> Floats:
         """Expected information of a press of a place where nothing was found, ``(X, Y)`` [nats]."""
@@ -191,12 +207,12 @@ class InformationPerCost:
         left = belief.num_objects - len(world.found)
         if left == 0:
             return np.zeros(belief.cells)
-        missed_others = (1.0 - of_others) ** np.maximum(left - 1, 0)
-        hit_if = of_target + (1.0 - of_target) * (1.0 - missed_others)
-        hit_else = 1.0 - (1.0 - of_others) ** left
-        hit = unfound * hit_if + (1.0 - unfound) * hit_else
-        told = _entropy(hit) - unfound * _entropy(hit_if) - (1.0 - unfound) * _entropy(hit_else)
-        share = unfound * of_target / np.maximum(hit, 1e-12)
+        here, elsewhere = unfound * of_target, unfound * (1.0 - of_target)  # the target that was not found
+        if_elsewhere = 1.0 - (1.0 - of_others) ** np.maximum(left - 1, 0)
+        if_not = 1.0 - (1.0 - of_others) ** left
+        hit = here + elsewhere * if_elsewhere + (1.0 - unfound) * if_not
+        told = _entropy(hit) - elsewhere * _entropy(if_elsewhere) - (1.0 - unfound) * _entropy(if_not)
+        share = here / np.maximum(hit, 1e-12)
         return np.asarray(told + self.first_share * hit * _entropy(np.clip(share, 0.0, 1.0)))
 
     def of_found(self, belief: TrayBelief, one: Found, prob: float, rng: np.random.Generator) -> tuple[Any, Floats]:
@@ -228,18 +244,22 @@ class InformationPerCost:
         hit = np.where(within, table.hit[row, i, j], 0.0)  # (c, h)
         height, spread = table.height[row, i, j], table.spread[row, i, j]
         deviation = np.sqrt(spread**2 + belief.noise.height**2)
-        image = self.outcomes.log_probs(row, i, j)  # (c, h, M)
-        drawn_hit = rng.uniform(size=hit.shape) < hit
-        drawn_height = height + deviation * rng.normal(size=hit.shape)
-        drawn = (image + rng.gumbel(size=image.shape)).argmax(axis=2)  # (c, h)
+        image = self.outcomes.log_probs[np.maximum(table.contacts.number[row, i, j], 0)]  # (c, h, M)
+        drawn_hit = rng.random(hit.shape, np.float32) < hit
+        drawn_height = height + deviation * rng.standard_normal(hit.shape, np.float32)
+        drawn = (np.exp(image).cumsum(axis=2) < rng.random((*hit.shape, 1), np.float32)).sum(axis=2)  # (c, h)
+        drawn = np.minimum(drawn, image.shape[2] - 1)
         scores = np.take_along_axis(image, drawn[:, None, :], axis=2)  # (c, h, outcome)
+        scores *= one.news(cells, table.pitch)[:, None, None].astype(scores.dtype)
         z = (drawn_height[:, None, :] - height[:, :, None]) / deviation[:, :, None]
         met = np.log(np.maximum(hit, 1e-4))[:, :, None] - 0.5 * z**2 - np.log(deviation)[:, :, None] + scores
         missed = np.log(np.maximum(1.0 - hit, 1e-4))[:, :, None]
         likelihood = np.where(drawn_hit[:, None, :], met, missed)  # (c, hypothesis, outcome)
         top = likelihood.max(axis=1)
         likelihood = np.exp(likelihood - top[:, None])
-        given = np.stack([likelihood[:, of_target].mean(axis=1), likelihood[:, ~of_target].mean(axis=1)])  # (2, c, o)
+        given = np.stack(
+            [likelihood[:, some].mean(axis=1, dtype=float) for some in (of_target, ~of_target)]
+        )  # (2, c, o)
         posterior = prob * given[0] / np.maximum(prob * given[0] + (1.0 - prob) * given[1], 1e-300)
         weight = np.where(of_target, prob, 1.0 - prob) / (_FEW // 2)
         expected = (_entropy(posterior) * weight).sum(axis=1)
@@ -303,6 +323,28 @@ def raster(size: tuple[float, float], spacing: float) -> list[tuple[float, float
     return [(float(round(x, 9)), float(round(y, 9))) for row, y in rows for x in row]
 
 
+def _of_worlds(belief: TrayBelief) -> Floats:
+    """Expected information about the likeliest answer from whether a press meets a found object, ``(X, Y)`` [nats].
+
+    It is that by which the worlds differ.
+    """
+    if len(belief.worlds) == 1:
+        return np.zeros(belief.cells)
+    standing, true = standing_of(belief), []
+    for world in belief.worlds:
+        answers = belief.answers(world)
+        prob = answers.absent
+        if standing.target > standing.absent:
+            places = np.array([belief.place_of_target(one) for one in world.found]).reshape(-1, 2)
+            prob = answers.found[np.hypot(*(places - standing.places[0][0]).T) < SAME_PLACE].sum()
+        true.append(prob)
+    met = 1.0 - np.array([belief.unmet(world) for world in belief.worlds])  # (W, X, Y)
+    probs = np.stack([true, 1.0 - np.array(true)]) * belief.weights  # (answer, W)
+    given = np.tensordot(probs, met, 1) / np.maximum(probs.sum(axis=1), 1e-12)[:, None, None]
+    conditional = np.tensordot(probs.sum(axis=1), _entropy(given), 1)
+    return np.asarray(_entropy(np.tensordot(belief.weights, met, 1)) - conditional)
+
+
 def cover(belief: TrayBelief, world: World) -> tuple[Floats, Floats]:
     """Probability that a press in each cell meets an object not found yet: the target, and just any other; ``(X, Y)``.
 
@@ -328,10 +370,11 @@ def _press(cell: NDArray[np.int64]) -> Press:
 
 def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
     """Cells on which the pad may come down: its face stays within the walls, and no touch was there; ``(X, Y)``."""
-    margin, sides = belief.table.half_width - 1e-9, []
-    for axis, number in enumerate(belief.cells):
-        middles = np.array([belief.centre((place, place))[axis] for place in range(number)])
-        sides.append((middles >= margin) & (middles <= belief.size[axis] - margin))
+    margin = belief.table.half_width - 1e-9
+    sides = [
+        (middles >= margin) & (middles <= size - margin)
+        for middles, size in zip(belief.middles, belief.size, strict=True)
+    ]
     allowed = np.asarray(sides[0][:, None] & sides[1])
     if belief.pressed:
         allowed[tuple(np.array(belief.pressed).T)] = False
@@ -340,11 +383,8 @@ def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
 
 def _distances(belief: TrayBelief, at: tuple[float, float]) -> Floats:
     """Of all cells from a place [m], ``(X, Y)``."""
-    sides = [
-        np.array([belief.centre((place, place))[axis] for place in range(number)]) - at[axis]
-        for axis, number in enumerate(belief.cells)
-    ]
-    return np.hypot(sides[0][:, None], sides[1])
+    along, across = belief.middles
+    return np.hypot((along - at[0])[:, None], across - at[1])
 
 
 def _entropy(probs: Any) -> Floats:

@@ -108,7 +108,8 @@ class TraySession:
         self.standing: Standing = standing_of(belief)
         self._rng = np.random.default_rng(checked_key(seed))
         self._asked: TrayDecision | None = None
-        self._before: list[tuple[TrayBelief, dict[str, Any]]] = []
+        self._start = belief
+        self._told: list[tuple[PlaceTouch, Any]] = []  # touches, with the state of the generator before each
 
     @property
     def at(self) -> tuple[float, float]:
@@ -172,10 +173,10 @@ class TraySession:
             if self.read is None:
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
             embedding, level = self.read(image)
-        after = self.belief.update(PlaceTouch(self.belief.cell_at(x, y), height or 0.0, embedding, level))
-        self._before.append((self.belief, self._rng.bit_generator.state))  # type: ignore[arg-type]
-        self.belief, self._asked = after, None
-        self.standing = standing_of(after)
+        touch = PlaceTouch(self.belief.cell_at(x, y), height or 0.0, embedding, level)
+        self.belief, self._asked = self.belief.update(touch), None
+        self._told.append((touch, self._rng.bit_generator.state))
+        self.standing = standing_of(self.belief)
         self.steps.append(TrayStep((float(x), float(y)), height, self.standing.target, self.standing.absent))
 
     def tell_met(self, met: Met, place: tuple[float, float] | None = None) -> None:
@@ -184,14 +185,17 @@ class TraySession:
         self.tell(met.image, None if is_miss else met.height, missed=is_miss, place=place)
 
     def undo(self) -> None:
-        """Take back what was told last.
+        """Take back what was told last; all touches before it are weighed once more, as beliefs are large.
 
         Raises:
             InvalidArgument: nothing was told.
         """
-        if not self._before:
+        if not self._told:
             raise InvalidArgument("nothing was told yet that undo() could take back")
-        self.belief, self._rng.bit_generator.state = self._before.pop()
+        _, self._rng.bit_generator.state = self._told.pop()
+        self.belief = self._start
+        for touch, _ in self._told:
+            self.belief = self.belief.update(touch)
         self.steps.pop()
         self.standing, self._asked = standing_of(self.belief), None
 

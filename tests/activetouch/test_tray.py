@@ -21,7 +21,8 @@ from activetouch.tray.resting import rests
 from activetouch.tray.sensor import DECIDERS, TraySensor
 from activetouch.tray.world import Lying, Tray, TrayWorld
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
-from belief.problem import Reject
+from belief.problem import Reject, Unsure
+from belief.tray import PlaceTouch
 from experiments.command_line.arguments import BadArgument
 from experiments.meshes.find import Find
 from experiments.scene_choice import SceneChoice
@@ -182,6 +183,39 @@ def test_what_is_stated_ends_a_search():
     assert isinstance(absent.action, Reject)
     assert stop(Standing([], 0.5, 0.5), 4, rules) is None
     assert stop(Standing([], 0.5, 0.5), 5, rules) is not None
+
+
+def test_presses_tell_where_a_target_is_that_is_known_to_be_there(sensor):
+    """After misses, the place that is left is pressed, although nothing is to be known but where the target is."""
+    there = replace(sensor, tray=replace(sensor.tray, present=1.0))
+    session = there.session("cube")
+    for x in np.arange(0.02, 0.075, 0.01):
+        session.tell(missed=True, place=(float(x), 0.03))
+    assert session.standing.unfound == pytest.approx(1.0)
+    decision = session.ask()
+    assert decision.scores["gain"] > 0.1
+    assert session.place()[1] > 0.035
+
+
+def test_presses_tell_which_assignment_of_touches_is_true(sensor):
+    """If the likeliest world knows the answer, presses are of what the other one says."""
+    belief = sensor.belief("cube")
+    empty = belief.update(PlaceTouch((4, 4)))
+    met = sensor.touched("cube", 3)
+    session = sensor.session("cube")
+    session.tell_met(met.press(*met.world.objects[0].place[:2].tolist(), np.random.default_rng(0)))
+    one = session.belief.worlds[0].found[0]
+    sure = replace(session.belief.worlds[0], log_answers=np.log([1.0 - 2e-12, 1e-12, 1e-12]), log_weight=0.0)
+    none = replace(empty.worlds[0], log_answers=np.log([1e-12, 1.0 - 1e-12]), log_weight=float(np.log(0.5)))
+    torn = replace(session.belief, worlds=(sure, none))
+    assert torn.weights.tolist() == pytest.approx([2 / 3, 1 / 3])
+    decision = sensor.decider().choose(torn, (0.0, 0.0), np.random.default_rng(0))
+    assert decision.scores["gain"] > 0.05
+    assert np.hypot(*(np.subtract(torn.centre(decision.action.cell), torn.place_of_target(one)))) < 0.03
+    decided = replace(session.belief, worlds=(sure,))
+    gave_up = sensor.decider().choose(decided, (0.0, 0.0), np.random.default_rng(0))
+    assert gave_up.action == Unsure()  # no press tells more
+    assert gave_up.scores["stated"] == pytest.approx(1.0)
 
 
 def test_a_robot_plays_a_session(sensor):

@@ -11,7 +11,7 @@ import belief.tray as tray_module
 from belief.errors import ImpossibleObservation
 from belief.tray import PlaceTable, PlaceTouch, TouchNoise, TrayBelief
 
-_NOISE = TouchNoise(height=0.002, scale=0.8, drift=0.0, outliers=0.0)
+_NOISE = TouchNoise(height=0.002, scale=0.8, drift=0.0, outliers=0.0, repeat=0.0)
 
 
 def table(seed: int = 0, num_shapes: int = 3, embeddings: int = 2) -> PlaceTable:
@@ -151,6 +151,53 @@ def test_objects_do_not_lie_in_one_place():
     assert apart.outside(apart.worlds[0]).min() < 0.5
     assert apart.masses(apart.worlds[0]).sum() < anywhere.masses(anywhere.worlds[0]).sum()
     assert where[0].sum() == pytest.approx(1.0 - answers(apart)[0])
+
+
+def touched(belief: TrayBelief, seed: int = 3, number: int = 4) -> TrayBelief:
+    """After contacts in the first cells of the middle row."""
+    rng = np.random.default_rng(seed)
+    for x in range(number):
+        belief = belief.update(PlaceTouch((x, 1), float(rng.uniform(0.01, 0.03)), rng.normal(size=2)))
+    return belief
+
+
+def test_the_likeliest_worlds_are_those_of_all_worlds():
+    apart = {"num_objects": 3, "separate": True}
+    few, every = (touched(believed(table(), most_worlds=most, **apart)) for most in (3, 10_000))
+    later = few.update(PlaceTouch((1, 2), 0.02, np.ones(2)))
+    with_all = replace(few, most_worlds=10_000).update(PlaceTouch((1, 2), 0.02, np.ones(2)))
+    assert len(every.worlds) > len(few.worlds) == len(later.worlds) == 3 < len(with_all.worlds)
+    for one, other in zip(later.worlds, with_all.worlds[:3], strict=True):
+        assert one.log_weight == pytest.approx(other.log_weight)
+        assert [found.cells for found in one.found] == [found.cells for found in other.found]
+
+
+def test_discs_are_the_sum_over_the_hypotheses_of_an_object():
+    given = replace(table(), inner=np.array([0.004, 0.012, 0.004, 0.021, 0.012, 0.006]))
+    belief = TrayBelief(given, (0.09, 0.07), 0, 1, 0.7, _NOISE)
+    one = belief.update(PlaceTouch((1, 5), 0.02, np.zeros(2))).worlds[0].found[0]
+    margins, cells = (0.0, 0.013), np.indices(belief.cells)
+    expected = np.zeros((2, *belief.cells))
+    for prob, row, x, y in zip(one.probs(np.zeros(3)), one.row, one.x, one.y, strict=True):
+        square = (cells[0] - x) ** 2 + (cells[1] - y) ** 2
+        for number, margin in enumerate(margins):
+            expected[number] += prob * (square < round((given.inner[row] + margin) / given.pitch) ** 2)
+    np.testing.assert_allclose(belief.discs(one, margins), expected, atol=1e-6)
+
+
+def test_a_touch_near_another_one_of_the_object_says_less():
+    given, noise = table(num_shapes=2), replace(_NOISE, repeat=0.8, near=0.01)
+    one = believed(given, 1, noise=noise).update(PlaceTouch((1, 1), 0.02, np.zeros(2))).worlds[0].found[0]
+    near = 1.0 - 0.8 * np.exp(-0.5)
+    np.testing.assert_allclose(one.news([(1, 1), (2, 1), (3, 2)], 0.01), [0.2, near, 1.0 - 0.8 * np.exp(-2.5)])
+    twice = replace(one, cells=((1, 1), (1, 1)))
+    np.testing.assert_allclose(twice.news([(2, 1)], 0.01), near**2)
+    touch = PlaceTouch((1, 1), 0.02, np.array([3.0, -2.0]))
+    repeats, independent = (
+        believed(given, 1, noise=replace(noise, repeat=repeat)).update(touch).update(touch) for repeat in (1.0, 0.0)
+    )
+    (first,), (second,) = repeats.worlds[0].found, independent.worlds[0].found
+    assert np.ptp(first.sums) < np.ptp(second.sums)  # the second touch adds nothing
 
 
 def test_an_object_that_is_pushed_may_be_in_the_next_cell():

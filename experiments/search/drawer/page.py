@@ -46,8 +46,7 @@ def world_of(searches: Searches, episode: TrayEpisode) -> TrayWorld:
 def target_map(belief: TrayBelief) -> Any:
     """Probability of each cell that the target's middle is there, ``(X, Y)``, over all worlds."""
     found = np.zeros(belief.cells)
-    weights = np.exp([world.log_weight for world in belief.worlds])
-    for weight, world in zip(weights / weights.sum(), belief.worlds, strict=True):
+    for weight, world in zip(belief.weights, belief.worlds, strict=True):
         answers = belief.answers(world)
         free = belief.by_shape[belief.target]
         if world.found:
