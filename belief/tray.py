@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.special import logsumexp, ndtr
 
 from belief.constraints import Checked, NotNegative, Positive, Probability
 from belief.errors import ImpossibleObservation
@@ -329,7 +328,7 @@ class TrayBelief:
         inside = np.flatnonzero((x >= 0) & (x < self.cells[0]) & (y >= 0) & (y < self.cells[1]))
         hit, mean = contacts.hit, contacts.height
         deviation = np.sqrt(contacts.spread**2 + noise.height**2)
-        below = ndtr((float(touch.height) - mean) / deviation) if touch.height > 0.0 else 0.0
+        below = scipy.special.ndtr((float(touch.height) - mean) / deviation) if touch.height > 0.0 else 0.0
         lower = _STRAY + (1.0 - _STRAY) * (1.0 - hit * (1.0 - below))
         where = (contacts.row[inside] * self.cells[0] + x[inside]) * self.cells[1] + y[inside]
         before = self.intensity.ravel()[where]
@@ -458,7 +457,7 @@ class TrayBelief:
             of_others = np.full(len(evidence) + 1, -np.inf)  # each found object, and all that are not found
             if num_shapes > 1:
                 rest = np.delete(np.vstack([evidence, masses]), target, axis=1)
-                of_others = logsumexp(rest, axis=1) - np.log(others)
+                of_others = scipy.special.logsumexp(rest, axis=1) - np.log(others)
             if self.unlisted:
                 strange = [one.log_unlisted for one in world.found] + [of_others[-1]]
                 of_others = np.logaddexp(of_others + np.log1p(-self.unlisted), strange + np.log(self.unlisted))
@@ -471,7 +470,7 @@ class TrayBelief:
                 rest_unfound = (left - 1) * of_others[-1] if left > 1 else 0.0
                 logs[-2] = np.log(left) + share + masses[target] + rest_unfound + of_others[:-1].sum()
         logs += np.log(np.arange(left + 1, number + 1, dtype=float)).sum() + world.log_odd
-        total = float(logsumexp(logs))
+        total = float(scipy.special.logsumexp(logs))
         return (logs - total if total > -np.inf else logs), total
 
     def answers(self, world: World) -> Answers:
