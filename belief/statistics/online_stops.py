@@ -141,9 +141,8 @@ class OnlineStops(FrozenArrays, Tabular):
         seen, all_wrong = self.seen + own, self.wrong + own * bool(is_wrong)
         limits = _enough(self.risk, self.confidence, self.beginnings)[:, np.minimum(all_wrong.cumsum(), _MOST_WRONG)]
         reached = self.reached | ((seen.cumsum() >= limits) & (seen >= _OWN))
-        counted = {"num_outcomes": self.num_outcomes + 1, "num_wrong": self.num_wrong + bool(is_wrong)}
-        arrays = {"seen": seen, "wrong": all_wrong, "reached": reached, "alarm": alarm}
-        found = replace(self, **arrays, watched=watched, **counted)
+        found = replace(self, seen=seen, wrong=all_wrong, reached=reached, alarm=alarm, watched=watched)
+        found = replace(found, num_outcomes=self.num_outcomes + 1, num_wrong=self.num_wrong + bool(is_wrong))
         return found if found.threshold == threshold else replace(found, alarm=_BEGIN, watched=0)
 
     def table(self) -> Table:
