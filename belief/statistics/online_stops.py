@@ -10,8 +10,8 @@ at most δ if a share ``risk`` is wrong, and it is rarer if more are: n(0) spend
 on; the probabilities are computed exactly. Thresholds are accepted in chains, each from one of three entries downwards,
 with a part of 1 - confidence as its δ: a wrong acceptance in a chain needs that of its first wrong threshold, so no
 more correction is due (fixed-sequence testing). All accepted thresholds keep the promise, so the lowest is used. It
-needs ten outcomes of its own, between it and the next larger threshold, so that none is accepted that only answers
-above it speak for.
+needs ten outcomes of its own, up to the next larger threshold (of an entry, up to the next larger entry), so that none
+is accepted that only answers above it speak for.
 
 After a change of the world, the accepted threshold may let too many wrong answers pass. Opposite bets, 1 + λ (wrong -
 risk), on the answers that it lets pass find that out: when their wealth reaches 20, nothing is accepted any more, and
@@ -24,11 +24,11 @@ inf
 >>> for _ in range(60):
 ...     stops = stops.after(0.97, is_wrong=False)
 >>> stops.threshold
-inf
->>> for _ in range(40):
-...     stops = stops.after(0.96, is_wrong=False)
->>> stops.threshold
 0.95
+>>> for _ in range(10):
+...     stops = stops.after(0.94, is_wrong=False)
+>>> stops.threshold
+0.9
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _SPENT = (0.19, 0.135, 0.14, 0.29)  # parts of δ for 0 to 3 wrong ones; the res
 _MOST_WRONG = 1024  # with more wrong ones, nothing is accepted before the next beginning
 FALSE_ALARM = 0.05
 """Probability that a threshold that keeps its promise is ever withdrawn, at each beginning."""
-_OWN = 10  # least number of outcomes from a threshold to the next larger one
+_OWN = 10  # least number of outcomes from a threshold to the next larger one, or from an entry to the next
 _SHARES = np.array([0.1, 0.25, 0.5, 0.75, 0.95])  # of the largest bet; one more part of the wealth bets nothing
 _BEGIN = np.full(6, 1.0 / 6)
 _STEADY = 30  # after t outcomes, a part 1 / (t + 30) of the wealth moves between bets: a late change is found as well
@@ -137,10 +137,12 @@ class OnlineStops(FrozenArrays, Tabular):
             alarm, watched = (1.0 - moving) * held + moving * total * _BEGIN, self.watched + 1
         else:
             alarm, watched = self.alarm, self.watched
-        own = np.arange(len(GRID)) == int(np.argmax(np.append(stated >= _GRID, True)))
-        seen, all_wrong = self.seen + own, self.wrong + own * bool(is_wrong)
+        added = np.arange(len(GRID)) == int(np.argmax(np.append(stated >= _GRID, True)))
+        seen, all_wrong = self.seen + added, self.wrong + added * bool(is_wrong)
         limits = _enough(self.risk, self.confidence, self.beginnings)[:, np.minimum(all_wrong.cumsum(), _MOST_WRONG)]
-        reached = self.reached | ((seen.cumsum() >= limits) & (seen >= _OWN))
+        own = seen.copy()
+        own[list(_ENTRIES)] = np.add.reduceat(seen[: _ENTRIES[-1] + 1], [0, *(entry + 1 for entry in _ENTRIES[:-1])])
+        reached = self.reached | ((seen.cumsum() >= limits) & (own >= _OWN))
         found = replace(self, seen=seen, wrong=all_wrong, reached=reached, alarm=alarm, watched=watched)
         found = replace(found, num_outcomes=self.num_outcomes + 1, num_wrong=self.num_wrong + bool(is_wrong))
         return found if found.threshold == threshold else replace(found, alarm=_BEGIN, watched=0)

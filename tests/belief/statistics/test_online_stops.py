@@ -81,6 +81,16 @@ def test_a_good_sensor_is_seldom_withdrawn():
     assert sum(ends) <= 4
 
 
+def test_answers_that_all_state_the_same_are_promised_at_the_entry_below_them_and_no_lower():
+    found = {}
+    for stated in (0.999, 0.98, 0.92):
+        stops = OnlineStops(risk=0.1)
+        for _ in range(200):
+            stops = stops.after(stated, False)
+        found[stated] = stops.threshold
+    assert found == {0.999: 0.99, 0.98: 0.95, 0.92: 0.9}
+
+
 def test_outcomes_below_a_threshold_say_nothing_about_it():
     stops = OnlineStops()
     for _ in range(300):
