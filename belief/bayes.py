@@ -25,8 +25,8 @@ from math import exp, inf, log
 from typing import Any, NoReturn
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import entr
 
 from belief import bayes
 from belief.errors import ImpossibleObservation, InvalidArgument
@@ -149,7 +149,7 @@ def target_information_gain(belief: ArrayLike, outcome_probs: ArrayLike, target:
 
 
 def _entropy(probs: Floats, axis: int = -1) -> Floats:
-    return np.asarray(entr(probs).sum(axis=axis))
+    return np.asarray(scipy.special.entr(probs).sum(axis=axis))
 
 
 def _belief_and_table(belief: ArrayLike, outcome_probs: ArrayLike) -> tuple[Floats, Floats]:

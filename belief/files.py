@@ -29,6 +29,8 @@ from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
 
 P = ParamSpec("P")
 T = TypeVar("T")
+BINARY = getattr(os, "O_BINARY", 0)
+"""Flag of files opened by number: without it, Windows writes other line ends than it is given."""
 
 
 @contextmanager
@@ -86,7 +88,7 @@ def _link(temporary: Path, path: Path) -> None:
     except FileExistsError:
         raise
     except OSError:
-        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | BINARY))
 
 
 def require_writable(folder: Path) -> None:
@@ -213,9 +215,9 @@ def _array(data: bytes) -> NDArray[Any]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, atomically."""
+    """Write a text file, atomically, with the same bytes on all systems."""
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_bytes(text.encode("utf-8"))
 
 
 def in_file_name(text: str, keep: str = "") -> str:

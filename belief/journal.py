@@ -29,7 +29,7 @@ from typing import Any
 from belief.codec import array_field as array_field  # documented here
 from belief.codec import array_from as array_from
 from belief.errors import CannotWrite, CorruptFile
-from belief.files import atomic_path, cannot_write, lock, require_regular_file, sealed_json, unsealed_json
+from belief.files import BINARY, atomic_path, cannot_write, lock, require_regular_file, sealed_json, unsealed_json
 
 MOST_BYTES = 1 << 30
 """Largest journal that is read."""
@@ -128,7 +128,7 @@ def _parsed(path: Path) -> tuple[list[dict[str, Any]], int]:
 def _locked(path: Path) -> int:
     """A handle that appends to a file, locked where files have locks."""
     try:
-        handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+        handle = os.open(path, os.O_WRONLY | os.O_APPEND | BINARY)
     except OSError as error:
         raise cannot_write(path, error) from error
     lock(handle, f"{path} is in use: another process, or an open session of this one, writes to it; close that")

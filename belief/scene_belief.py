@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, cast
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike
-from scipy.special import logsumexp
 
 from belief.arrangement import (
     log_arrangement_marginals,
@@ -373,10 +373,10 @@ class SceneBelief(ReadableScene):
         weights = np.logaddexp(*both)
         found, possible = self._marginals_of(weights), weights > -np.inf
         log_listed, log_strangers = np.subtract(both, weights, np.full(both.shape, -np.inf), where=possible)
-        mean = logsumexp(log_likelihoods, axis=1) - np.log(log_likelihoods.shape[1])
+        mean = scipy.special.logsumexp(log_likelihoods, axis=1) - np.log(log_likelihoods.shape[1])
         ratios = np.minimum(np.subtract(strange, mean, np.full(len(mean), _LARGEST), where=mean > -np.inf), _LARGEST)
         log_fit = np.logaddexp(self._log_prior[0], self._log_prior[1] + ratios)
-        unlisted = np.exp(logsumexp(found + log_strangers, axis=1))
+        unlisted = np.exp(scipy.special.logsumexp(found + log_strangers, axis=1))
         return Places(weights, found, log_strangers, log_fit, unlisted), found + log_listed
 
     def _marginals_of(self, log_weights: Floats) -> Floats:

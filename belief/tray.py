@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from belief.constraints import Checked, NotNegative, Positive, Probability
 from belief.errors import ImpossibleObservation
@@ -348,7 +347,7 @@ class TrayBelief:
         inside = np.flatnonzero((x >= 0) & (x < self.cells[0]) & (y >= 0) & (y < self.cells[1]))
         hit, mean = contacts.hit, contacts.height
         deviation = np.sqrt(contacts.spread**2 + noise.height**2)
-        below = ndtr((float(touch.height) - mean) / deviation) if touch.height > 0.0 else 0.0
+        below = scipy.special.ndtr((float(touch.height) - mean) / deviation) if touch.height > 0.0 else 0.0
         lower = _STRAY + (1.0 - _STRAY) * (1.0 - hit * (1.0 - below))
         where = (contacts.row[inside] * self.cells[0] + x[inside]) * self.cells[1] + y[inside]
         before = self.intensity.ravel()[where]

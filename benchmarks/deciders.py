@@ -171,7 +171,7 @@ def main() -> None:
         rows += measure(name, tables()[name], arguments)
         if not arguments.no_bounds:
             print("the optimum returns between {:.3f} and {:.3f}".format(*bounds(tables()[name])), flush=True)
-        with (arguments.out / "deciders.csv").open("w", newline="") as file:
+        with (arguments.out / "deciders.csv").open("w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, [field.name for field in fields(Row)])
             writer.writeheader()
             writer.writerows(asdict(row) for row in rows)

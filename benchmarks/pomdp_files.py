@@ -83,7 +83,7 @@ def main() -> None:
     labels, table = model.shape_labels, model.outcome_table().probs
     rules = labels.index(given.target), given.touch_cost
     problem = SearchTouchProblem(table, given.objects, Composition.DISTINCT, *rules, discount=given.discount)
-    given.out.write_text(pomdp_text(problem, labels))
+    given.out.write_text(pomdp_text(problem, labels), encoding="utf-8", newline="\n")
     print(f"wrote {given.out}; the value is at least {solve(problem).lower_bound:.4f} by our solver")
 
 

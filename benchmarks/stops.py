@@ -43,7 +43,7 @@ def main() -> None:
     print(f"{'folder':16s}{'decider':22s}{'touches':>8s}{'stops':>7s}{'right':>8s}  95 %")
     for folder in parser.parse_args().folders:
         by_decider: dict[str, list[Episode]] = {}
-        for line in (folder / "episodes.jsonl").read_text().splitlines():
+        for line in (folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines():
             fields = json.loads(line)
             unnamed = tuple(f"shape {number}" for number in range(len(fields["steps"][0]["belief"])))
             by_decider.setdefault(fields["decider"], []).append(Episode.from_dict(fields, unnamed))

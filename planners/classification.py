@@ -20,8 +20,8 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from belief.bayes import Belief
 from belief.composition import Composition
@@ -190,7 +190,7 @@ class ActiveClassification(FrozenArrays):
             stated[row, : lengths[row] + 1] = one.probs.max(axis=1)
             spent[row, : lengths[row] + 1] = np.cumsum([0.0, *self.costs[list(one.actions)]])
         costs = {}
-        for stops in (ndtr(height * (steps + 1.0) ** -slope) for height in _HEIGHTS for slope in _SLOPES):
+        for stops in (scipy.special.ndtr(height * (steps + 1.0) ** -slope) for height in _HEIGHTS for slope in _SLOPES):
             over = (stated >= stops) | (steps >= lengths[:, None])
             at = over.argmax(axis=1)
             costs[tuple(stops.tolist())] = float((spent + error_cost * (1.0 - stated))[rows, at].mean())

@@ -16,7 +16,7 @@ from tests.footprint import changes_of_package, statements
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("activetouch", "belief", "planners", "experiments")
-HEAVY = ("torch", "transformers", "mujoco", "matplotlib", "stable_baselines3")
+HEAVY = ("torch", "transformers", "mujoco", "matplotlib", "pandas", "stable_baselines3")
 
 
 @cache
@@ -37,6 +37,12 @@ def test_importing_a_package_loads_nothing_heavy(statement):
     loaded = modules_loaded_by(statement)
     assert not loaded & set(HEAVY)
     assert ("gymnasium" in loaded) == ("activetouch" in statement)  # which registers the environments
+
+
+def test_the_door_without_touch_loads_no_part_of_scipy_before_its_first_use():
+    """``scipy.special`` alone takes longer than everything else that the package imports."""
+    loaded = modules_loaded_by("import planners; from planners import ActiveClassification")
+    assert not [name for name in loaded if re.fullmatch(r"scipy\.[a-z]\w*", name) and name != "scipy.version"]
 
 
 @pytest.mark.parametrize("package", ["belief", "activetouch"])

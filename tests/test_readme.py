@@ -42,10 +42,13 @@ def prints_what_the_page_says(page, capsys, monkeypatch):
     """Whether the code of a page prints what stands there; of code that is smaller here, how many lines it prints."""
     monkeypatch.setenv("COLUMNS", "80")
     text = (ROOT / "docs" / f"{page}.md").read_text()
-    [(code, printed)] = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", text, flags=re.S)
-    exec(compile(shorter(f"docs/{page}.md 1", code), f"docs/{page}.md", "exec"), {})
-    said = capsys.readouterr().out
-    return said == printed or (f"docs/{page}.md 1" in SHORTER and said.count("\n") == printed.count("\n"))
+    blocks, agree = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", text, flags=re.S), []
+    for number, (code, printed) in enumerate(blocks, 1):
+        name = f"docs/{page}.md {number}"
+        exec(compile(shorter(name, code), name, "exec"), {})
+        said = capsys.readouterr().out
+        agree.append(said == printed or (name in SHORTER and said.count("\n") == printed.count("\n")))
+    return bool(agree) and all(agree)
 
 
 @pytest.mark.parametrize("page", PRINTED)

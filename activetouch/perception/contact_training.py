@@ -131,7 +131,7 @@ class ContactTrainer:
             learned(self.step)
             if self.step % _REPORTED == 0 or self.step == recipe.steps:
                 report = self._report()
-                with (self.folder / "log.jsonl").open("a") as log:
+                with (self.folder / "log.jsonl").open("a", encoding="utf-8", newline="\n") as log:
                     log.write(json.dumps(report) + "\n")
                 yield report
             if self.step % _SAVED == 0 or self.step == recipe.steps:

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import gammaln
 
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
@@ -284,7 +284,7 @@ def merged_cells(cells: Floats, prior: Floats) -> NDArray[np.int64]:
 def _log_marginal(counts: Floats, prior: Floats) -> Floats:
     """Log probability of a sequence with these counts ``(..., M)``, over all distributions of a Dirichlet prior."""
     total = prior.sum(axis=-1)
-    alphas = np.where(prior > 0.0, prior, 1.0)
+    alphas, gammaln = np.where(prior > 0.0, prior, 1.0), scipy.special.gammaln
     parts = np.where(prior > 0.0, gammaln(alphas + counts) - gammaln(alphas), 0.0)
     return np.asarray(parts.sum(axis=-1) - gammaln(total + counts.sum(axis=-1)) + gammaln(total))
 

@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from belief.cell_kernel import CellKernel
 from belief.coarse_to_fine import CellLikelihood, CoarseToFine, Effort, Ints, Leaves, NestedCells
@@ -162,7 +162,7 @@ class NestedBodyModel(ArrayModel):
     def logits(self, pose: int, embedding: NDArray[np.floating]) -> Floats:
         """Log mean likelihood ratio of a touch under each body by its coarsest cells, ``(K,)``."""
         scores = self.scale * self.bodies.coarsest(self.bodies.felt(pose, embedding))
-        return np.asarray(logsumexp(scores + self.cells.log_shares[0], axis=1), np.float64)
+        return np.asarray(scipy.special.logsumexp(scores + self.cells.log_shares[0], axis=1), np.float64)
 
     def outcome_probs(
         self, leaves: Leaves, num_new: float, num_outcomes: int, poses: Sequence[int] | None = None
@@ -257,7 +257,7 @@ class NestedEvidence:
             return 0.0
         logs, strangers = self.log_likelihood, self.model.strangers
         ratio = 0.0 if strangers is None else strangers.log_ratio(self)
-        return ratio + float(logsumexp(logs)) - float(np.log(len(logs)))
+        return ratio + float(scipy.special.logsumexp(logs)) - float(np.log(len(logs)))
 
     @property
     def effective(self) -> dict[int, Floats32]:

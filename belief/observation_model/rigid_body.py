@@ -29,8 +29,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from belief.codec import OPTIONAL, Stored, from_fields, to_fields
 from belief.conflict import ConflictTest
@@ -141,7 +141,7 @@ class FittedRigidBody(ArrayModel):
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`: single touches, clustered by what they tell about the shape."""
-        log_posteriors = self.reference_logits - logsumexp(self.reference_logits, axis=2, keepdims=True)
+        log_posteriors = self.reference_logits - scipy.special.logsumexp(self.reference_logits, axis=2, keepdims=True)
         shares = np.exp(log_posteriors)
         shares /= shares.sum(axis=1, keepdims=True)
         found = smoothed(tabulate(log_posteriors, shares, num_outcomes, rng), self.references.shape[1])

@@ -21,8 +21,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ON_MISFIT, ObjectConflict, log_conflict
 from belief.errors import InvalidArgument
@@ -145,7 +145,7 @@ class RigidBodyEvidence:
             )
         if not self.num_touches:
             return 0.0
-        mean = float(logsumexp(self.log_likelihood)) - np.log(len(self.log_likelihood))
+        mean = float(scipy.special.logsumexp(self.log_likelihood)) - np.log(len(self.log_likelihood))
         return mean + log_conflict([self.conflict.log_bets[ON_MISFIT]])
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:

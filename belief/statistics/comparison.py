@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betainc, betainccinv, betaincinv, ndtri
 
 from belief.naming import shown
 from belief.validation import (
@@ -38,7 +38,8 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
     """
     some, every = _checked(successes, trials, confidence)
     upper, share = 0.5 + 0.5 * float(confidence), some / every
-    z = float(ndtri(upper)) if upper < 1.0 else -float(ndtri((1.0 - float(confidence)) / 2.0))  # never infinite
+    quantile = scipy.special.ndtri
+    z = float(quantile(upper)) if upper < 1.0 else -float(quantile((1.0 - float(confidence)) / 2.0))  # never infinite
     denominator = 2.0 * (every + z**2)
     centre = (2.0 * every * share + z**2) / denominator
     reach = z / denominator * math.sqrt(4.0 * every * share * (1.0 - share) + z**2)
@@ -57,8 +58,8 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
     """
     some, every = _checked(successes, trials, confidence)
     wrong, tail = every - some, (1.0 - float(confidence)) / 2
-    low = float(betaincinv(some, wrong + 1, tail)) if some else 0.0
-    return low, float(betainccinv(some + 1, wrong, tail)) if wrong else 1.0
+    low = float(scipy.special.betaincinv(some, wrong + 1, tail)) if some else 0.0
+    return low, float(scipy.special.betainccinv(some + 1, wrong, tail)) if wrong else 1.0
 
 
 def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:
@@ -203,8 +204,8 @@ def mcnemar_test(first_correct: ArrayLike, second_correct: ArrayLike) -> McNemar
     if discordant == 0:
         return McNemar(len(first), 0, 0, 1.0, 1.0)
     # Probability of at most so many heads of so many tosses; more exact than scipy.special.bdtr.
-    at_most = float(betainc(discordant - fewer, fewer + 1, 0.5))
-    below = float(betainc(discordant - fewer + 1, fewer, 0.5)) if fewer else 0.0
+    at_most = float(scipy.special.betainc(discordant - fewer, fewer + 1, 0.5))
+    below = float(scipy.special.betainc(discordant - fewer + 1, fewer, 0.5)) if fewer else 0.0
     if first_only == second_only:
         return McNemar(len(first), first_only, second_only, 1.0, 1.0 - (at_most - below) / 2)
     return McNemar(len(first), first_only, second_only, min(2 * at_most, 1.0), at_most + below)
@@ -219,7 +220,7 @@ def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = PO
     """
     require_fraction("level", level)
     require_fraction("power", power)
-    z_level, z_power = -float(ndtri(level / 2)), float(ndtri(power))
+    z_level, z_power = -float(scipy.special.ndtri(level / 2)), float(scipy.special.ndtri(power))
     delta = abs(pairs.difference)
     if delta == 0.0:
         return None

@@ -26,8 +26,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import bdtr
 
 from belief.table import Table, Tabular
 from belief.validation import require_fraction
@@ -203,7 +203,7 @@ def least_searches(risk: float, confidence: float) -> int:
 def _p_values(candidates: CandidateStops, thresholds: NDArray[np.float64], risk: float) -> NDArray[np.float64]:
     """p-value of "more than ``risk`` are wrong" by number of touches, ``(L,)``; 0 where no search stops by rule."""
     stops, wrong = candidates.counts(thresholds)
-    tails = np.where(stops > 0, bdtr(wrong.astype(float), np.maximum(stops, 1), risk), 1.0)
+    tails = np.where(stops > 0, scipy.special.bdtr(wrong.astype(float), np.maximum(stops, 1), risk), 1.0)
     return np.where(np.isfinite(thresholds), tails, 0.0)
 
 

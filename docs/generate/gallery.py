@@ -108,7 +108,7 @@ def main(names: list[str]) -> None:
             print(
                 f"{script.stem}: {time.perf_counter() - started:.1f} s, {len(buffer.getvalue()) // 1000} kB", flush=True
             )
-    PAGE.write_text(page(), encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

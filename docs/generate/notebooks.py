@@ -56,7 +56,7 @@ def main() -> None:
     """Write all notebooks."""
     FOLDER.mkdir(exist_ok=True)
     for name in NOTEBOOKS:
-        (FOLDER / f"{name}.ipynb").write_text(f"{notebook(ROOT / f'docs/{name}.md')}\n", encoding="utf-8")
+        (FOLDER / f"{name}.ipynb").write_text(f"{notebook(ROOT / f'docs/{name}.md')}\n", encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ FREE = IN_COMMAND | {"reference", "jobs"}
 
 def record(folder: Path) -> dict[str, Any]:
     """What a run folder found, over all targets, and what made it."""
-    run = json.loads((folder / "run.json").read_text())
+    run = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     arguments, identity = run["arguments"], run["identity"]
     setting = arguments["setting"]
     if changed := list(_changed(arguments, json.loads(json.dumps(asdict(Compare()), default=str)))):
@@ -99,19 +99,20 @@ def _changed(found: dict[str, Any], default: dict[str, Any]) -> Iterator[str]:
 
 
 def _rows(folder: Path, table: str) -> list[dict[str, str]]:
-    with (folder / "tables" / f"{table}.csv").open(newline="") as file:
+    with (folder / "tables" / f"{table}.csv").open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def main(folders: list[Path]) -> None:
     """Add or replace the records of these runs."""
-    kept = json.loads(RECORDS.read_text()) if RECORDS.exists() else {}
+    kept = json.loads(RECORDS.read_text(encoding="utf-8")) if RECORDS.exists() else {}
     of_sensor: dict[str, list[dict[str, Any]]] = {}
     for found in map(record, folders):
         words = found["command"].split()
         of_sensor.setdefault(words[words.index("--sensor") + 1], []).append(found)
     kept |= {sensor: pooled(some) for sensor, some in of_sensor.items()}
-    RECORDS.write_text(json.dumps(dict(sorted(kept.items())), indent=1, ensure_ascii=False) + "\n")
+    text = json.dumps(dict(sorted(kept.items())), indent=1, ensure_ascii=False)
+    RECORDS.write_text(f"{text}\n", encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

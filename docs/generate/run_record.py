@@ -70,7 +70,7 @@ def main(name: str, files: list[str], words: list[str]) -> None:
     made_with = ", ".join(f"{package} {number}" for package, number in (versions() | torch).items())
     header = f"command: {shlex.join(words)}\ncommit: {made_by}\nversions: {made_with}\nprocessor time: {seconds:.0f} s"
     lines = "\n".join(line.rstrip() for line in printed.splitlines() if PROGRESS not in line)
-    path.write_text(f"{header}\n\n{lines.strip(chr(10))}\n", encoding="utf-8")
+    path.write_text(f"{header}\n\n{lines.strip(chr(10))}\n", encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

@@ -159,7 +159,8 @@ def calibration(page: str) -> str:
     single, sequences = [], []
     for sensor, (record, models) in CALIBRATED.items():
         name = f"calibration/{record}.txt"
-        tables, link = dict(_markdown((RECORDS / name).read_text())), f"[`{sensor}`](../{name})"
+        text = (RECORDS / name).read_text(encoding="utf-8")
+        tables, link = dict(_markdown(text)), f"[`{sensor}`](../{name})"
         before, *others = next(rows for title, rows in tables.items() if title.startswith("Single touches"))
         after = next(row for row in others if row["calibration"].endswith(_CHOSEN))
         chosen = after["calibration"].removesuffix(_CHOSEN).replace("_", " ")
@@ -370,8 +371,8 @@ def _by_score(results: Mapping[int, Any], numbers: tuple[int, ...]) -> list[str]
 def read_record(name: str) -> Any:
     """The JSON file of a record; where it has none, the one at the end of what was printed."""
     file = RECORDS / f"{name}.json"
-    printed = file.with_suffix(".txt").read_text() if not file.exists() else ""
-    return json.loads(printed.partition(".json:\n\n")[2] or file.read_text())
+    printed = file.with_suffix(".txt").read_text(encoding="utf-8") if not file.exists() else ""
+    return json.loads(printed.partition(".json:\n\n")[2] or file.read_text(encoding="utf-8"))
 
 
 def _row(*cells: str) -> str:
@@ -474,7 +475,7 @@ def main() -> None:
     """Write the pages."""
     for name, filled in PAGES.items():
         page = RECORDS.parent / name
-        page.write_text(filled(page.read_text()))
+        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ for pose, which in np.ndindex(num_poses, num_classes):
 spread = 2.0 * ((images - means[poses, classes]) ** 2).sum(axis=1).mean() / 4
 
 for rule in ("in_turn", "at_random"):
-    with open(f"{rule}.csv", "w", newline="") as file:
+    with open(f"{rule}.csv", "w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["seed", "task", "success", "length"])
         for seed in range(played):

@@ -36,7 +36,7 @@ for family in range(FAMILIES):
 with tempfile.TemporaryDirectory() as folder:
     paths = [Path(folder, f"{name}.csv") for name in ARMS]
     for path in paths:
-        with path.open("w", newline="") as file:
+        with path.open("w", encoding="utf-8", newline="") as file:
             csv.writer(file).writerows([("seed", "task", "success"), *rows[path.stem]])
     found = compare_results(paths[:2], control=paths[2:])
 print("Simulated data.", *found.verdict(), sep="\n")

@@ -6,6 +6,7 @@ The process that was started writes all files: workers get tasks and return resu
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import os
 import pickle
 import platform
@@ -35,7 +36,8 @@ _CALM = {
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
     "distributed.worker.profile.enabled": False,
-}  # what a process of Dask does beside its tasks: 1 % of a core in place of 5 %
+    "distributed.worker.memory.monitor-interval": "2s",
+}  # what a process of Dask does beside its tasks: 0.5 % of a core in place of 5 %
 _ONE_AT_A_TIME = threading.Lock()  # the physics of a process is shared by its threads
 
 
@@ -66,6 +68,8 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
     if not re.fullmatch(r"local:[1-9]\d{0,3}|[a-z]+://\S+:\d+", address):
         raise BadArgument(f"--cluster must be tcp://HOST:PORT of a Dask scheduler, or local:8, got {address!r}")
     require_extra("cluster")
+    is_local = address.startswith("local:")
+    calm = {**_CALM, **(_started_forks() if is_local else {})}
     import dask
     from distributed import Client, LocalCluster
 
@@ -73,10 +77,11 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with ExitStack() as stack:
         place: Any = address
+        stack.enter_context(dask.config.set(calm))
         try:
-            with warnings.catch_warnings(), block_interrupt(), dask.config.set(_CALM):
+            with warnings.catch_warnings(), block_interrupt():
                 warnings.simplefilter("ignore")  # of other versions, which are compared below
-                if address.startswith("local:"):
+                if is_local:
                     each: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL + 1}
                     each["dashboard_address"] = ":8787" if dashboard else None
                     place = stack.enter_context(LocalCluster(n_workers=int(address[len("local:") :]), **each))
@@ -93,6 +98,22 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
             yield
         finally:
             ENGINE.reset(before)
+
+
+def _started_forks() -> dict[str, str]:
+    """Start the process whose forks are the workers, and let it load the modules of this one; Dask's settings for it.
+
+    Where there are no forks, each worker loads them for itself.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return {}
+    from multiprocessing import forkserver
+
+    own = [name for name in sys.modules if name.partition(".")[0] in OWN_PACKAGES]
+    with block_interrupt():
+        forkserver.set_forkserver_preload(["distributed", "scipy.special", *own])
+        forkserver.ensure_running()
+    return {"distributed.worker.multiprocessing-method": "forkserver"}
 
 
 def _check_workers(client: Any) -> None:

@@ -117,8 +117,8 @@ HOLDERS = {
     ),
     "Answer": (lambda a: Answer(0, 1, 0.9, True, (0,), 1.0, a), [np.full((2, 2), 0.5)]),
     "OnlineStops": (
-        lambda a, b, c, d: OnlineStops(wealth=a, reached=b, seen=c, alarm=d),
-        [np.zeros((14, 5)), np.zeros(14, np.bool_), np.zeros(14, np.int64), np.full(6, 1 / 6)],
+        lambda a, b, c, d: OnlineStops(wrong=a, reached=b, seen=c, alarm=d),
+        [np.zeros(14, np.int64), np.zeros((3, 14), np.bool_), np.zeros(14, np.int64), np.full(6, 1 / 6)],
     ),
     "FixedHypotheses": (FixedHypotheses, [np.ones((1, 2, 3, 4), np.float32)]),
     "FittedRigidBody": (

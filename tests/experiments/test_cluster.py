@@ -129,6 +129,15 @@ def test_a_killed_worker_changes_no_byte_and_none_writes(two_workers, whole, tmp
     assert contents(touches) == contents(tmp_path / "here")
 
 
+@pytest.mark.mujoco
+def test_workers_of_this_machine_share_one_start_and_change_no_byte(whole, tmp_path):
+    with on_cluster("local:2"):
+        assert played(tmp_path / "run") == whole
+        parents = set(run_tasks([partial(os.getppid)] * 4, 1, "asking"))
+    assert len(parents) == 1
+    assert os.name != "posix" or os.getpid() not in parents  # they are forks of a process that has loaded modules
+
+
 def test_a_worker_of_another_version_is_refused_before_any_work(two_workers, monkeypatch):
     other = {**cluster.code_versions(), "activetouch": "99.1", "code": "0" * 12}
     monkeypatch.setattr(cluster, "code_versions", lambda: other)
