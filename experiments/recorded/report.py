@@ -22,7 +22,7 @@ from planners.search import Identification
 
 _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean number of touches tells little
 _WIDE = 0.1  # below what is stated: an interval that reaches so far down does not show that it is right
-_LEVEL, _LEAST = 0.05, 6  # of a test for a difference, and the least number of pairs for it
+_LEAST = 6  # number of pairs that may show a difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +78,13 @@ class RecordedReport(Reported):
 
     def _best(self) -> list[str]:
         """Sentences that name the best decider of identifications and of searches."""
-        touches = {name: -by_object(self._by(name), lambda one: len(one.poses))[0] for name in self.deciders()}
-        scenes = np.array([one.scene for one in self.found])
-        rewards, by = np.array([one.reward for one in self.found]), np.array([one.decider for one in self.found])
-        returns = {
-            shown: _means(rewards[by == name], scenes[by == name])[0] for name, shown in _shown(self.found).items()
-        }
-        texts = ("Fewest touches until an object is named", touches), ("Largest return of searches", returns)
-        return [best_of(text, values) for text, values in texts if len(values) > 1]
+        fewest = {name: -by_object(self._by(name), lambda one: len(one.poses))[0] for name in self.deciders()}
+        return_of, shown = dict[str, Floats](), _shown(self.found)
+        for name in shown:
+            scenes, rewards = np.array([(one.scene, one.reward) for one in self.found if one.decider == name]).T
+            return_of[shown[name]] = _means(rewards, scenes)[0]
+        texts = {"Fewest touches until an object is named": fewest, "Largest return of searches": return_of}
+        return [best_of(text, values) for text, values in texts.items() if len(values) > 1]
 
     def report(self) -> Report:
         """Verdict, tables and the set, with ``results.json`` and ``episodes.jsonl``."""
@@ -197,28 +196,16 @@ def trust(named: Sequence[Named]) -> list[str]:
 
 
 def best_of(text: str, values: Mapping[str, Floats]) -> str:
-    """A sentence that names the rule with the largest mean of paired values ``(n,)``, or that no difference was found.
-
-    Paired t-tests at 5 %, divided by the number of other rules.
-
-    >>> best_of("Return", {"a": np.arange(9.0), "b": np.arange(9.0) - 1.0, "c": np.arange(9.0)[::-1]})
-    'Return: a; from c no difference was found.'
-    """
-    best = max(values, key=lambda name: values[name].mean())
-    others = [name for name in values if name != best]
-    alike = [name for name in others if not _differs(values[best] - values[name], _LEVEL / len(others))]
-    if len(alike) == len(others):
+    """Which rule has the largest mean of paired values ``(n,)``, by t-tests at 5 % over the number of other rules."""
+    best, alike = max(values, key=lambda name: values[name].mean()), list[str]()
+    for name in sorted(set(values) - {best}):
+        gain = values[best] - values[name]
+        ratio = gain.mean() / max(gain.std() / np.sqrt(max(len(gain) - 1, 1)), 1e-12)
+        if len(gain) < _LEAST or 2.0 * scipy.special.stdtr(len(gain) - 1, -ratio) >= 0.05 / (len(values) - 1):
+            alike.append(name)
+    if len(alike) == len(values) - 1:
         return f"{text}: no difference between {', '.join(values)} was found."
     return f"{text}: {best}" + f"; from {', '.join(alike)} no difference was found" * bool(alike) + "."
-
-
-def _differs(differences: Floats, level: float) -> bool:
-    """Whether the mean of differences is not zero, by a t-test."""
-    number, mean = len(differences), abs(float(differences.mean()))
-    if number < _LEAST or mean == 0.0:
-        return False
-    error = differences.std(ddof=1) / np.sqrt(number)
-    return bool(2.0 * scipy.special.stdtr(number - 1, -mean / max(error, 1e-12)) < level)
 
 
 def _shown(found: Sequence[Found]) -> dict[str, str]:
