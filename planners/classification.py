@@ -28,7 +28,7 @@ from belief.composition import Composition
 from belief.constraints import ABOVE_ZERO, Count, Positive, Within, check, require_rule
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.naming import Name, checked_names, index_of
+from belief.naming import Name, checked_names, few, index_of, one_line
 from belief.observation_model.context_fit import OutcomeCode, fit_contexts
 from belief.observation_model.context_model import MISSING, ContextModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
@@ -42,6 +42,8 @@ from planners.session import Session
 
 _REMEMBERED = 100_000  # decisions, and steps of cases
 _HEIGHTS, _SLOPES = np.linspace(0.2, 4.5, 44), (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # a and b of planned stops
+_ANY = float(np.nextafter(0.0, 1.0))  # a stop that every probability reaches
+_SHOWN = 10  # classes of a case that prints
 RULES = ("adaptive", "random", "fixed")
 """How actions are chosen: by what they tell for their cost, in random order, or in the order of their numbers."""
 
@@ -100,6 +102,14 @@ class ActiveClassification(FrozenArrays):
         for name, value in (("actions", names), ("prior", prior), ("costs", costs), ("stop", stops)):
             object.__setattr__(self, name, value)
         self.freeze()
+
+    def __repr__(self) -> str:
+        words = {np.inf: "never", _ANY: "any"}
+        stops = [words.get(one, f"{one:g}") for one in np.atleast_1d(self.stop).tolist()]
+        parts = [f"classes: {few(self.classes)}", f"actions: {few(tuple(self.actions))}", f"stop: {few(stops)}"]
+        if self.certificate is not None:
+            parts.append(f"certificate: {self.certificate.note or 'print .certificate'}")
+        return f"{type(self).__name__}({'; '.join(parts)})"
 
     @classmethod
     def from_probs(
@@ -267,7 +277,7 @@ class ActiveClassification(FrozenArrays):
         wrong = table.argmax(axis=1) != truth[searches]
         candidates = CandidateStops(searches, steps, np.minimum(table.max(axis=1), 1.0), wrong, len(played))
         thresholds = certified_thresholds(candidates, risk, confidence)
-        stops = tuple(one if one > 0.0 else np.nextafter(0.0, 1.0) for one in thresholds.thresholds)
+        stops = tuple(one if one > 0.0 else _ANY for one in thresholds.thresholds)
         return replace(self, stop=stops, certificate=thresholds)
 
     def _session(self, decider: Decider, seed: int | Sequence[int]) -> Session:
@@ -319,11 +329,20 @@ class ActiveClassification(FrozenArrays):
         return np.array([index_of("class", self.classes, str(label)) for label in found.tolist()], np.int64)
 
 
-class Case:
-    """A case whose actions somebody else carries out: ask which one, tell its outcome."""
+class Case(Tabular):
+    """A case whose actions somebody else carries out: ask which one, tell its outcome. Prints as a table of classes."""
 
     def __init__(self, task: ActiveClassification, session: Session) -> None:
         self._task, self.session = task, session
+
+    def __repr__(self) -> str:
+        return one_line(type(self), f"{self.answer!r}, probability {self.stated:.2f}, cost {self.cost:g}")
+
+    def table(self) -> Table:
+        """The likeliest classes, and the cost of the actions so far."""
+        probs = self.belief.probs
+        rows = [(self.belief.labels[k], float(probs[k])) for k in np.argsort(-probs, kind="stable")[:_SHOWN].tolist()]
+        return Table("", ["class", ("probability", ".2f")], rows, f"Actions: {len(self.taken)}, cost: {self.cost:g}.")
 
     @property
     def asked(self) -> int | None:

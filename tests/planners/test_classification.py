@@ -254,3 +254,21 @@ def test_cases_that_do_not_fit_are_refused(task):
     with pytest.raises(ValueError, match="an outcome is"):
         case.tell(7)
     assert isinstance(case.belief, Belief)
+
+
+def test_a_task_prints_in_a_line_and_says_that_nothing_is_promised(task):
+    assert repr(task) == "ActiveClassification(classes: ill, well; actions: blood, eyes, skin; stop: 0.9)"
+    printed = str(task.certified(*drawn(np.random.default_rng(0), 20)))
+    assert "stop: never; certificate: Nothing is promised with 20: at least" in printed
+    assert "\n" not in printed
+    certified = task.certified(*drawn(np.random.default_rng(0), 1000), risk=0.3)
+    assert repr(certified).endswith("stop: never, any; certificate: print .certificate)")
+
+
+def test_a_case_prints_its_classes_and_its_cost(task):
+    case = task.start()
+    case.tell(0)
+    assert repr(case) == "Case('ill', probability 0.82, cost 1)"
+    assert case.rows()[0]["class"] == "ill"
+    assert str(case).endswith("well          0.18\nActions: 1, cost: 1.")
+    assert "<table>" in case._repr_html_()
