@@ -474,11 +474,11 @@ class Evaluation(Tabular):
     answers: Mapping[str, tuple[Answer, ...]]
 
     def table(self) -> Table:
-        """For each rule: right answers with a 95 % interval, what was stated, number and cost of actions."""
-        rows = []
+        """For each rule: right answers, what was stated, actions and their cost, "with errors" that of wrong ones too."""
+        rows, error_cost = [], self.task.error_cost
         for rule, answers in self.answers.items():
             right, number = sum(one.is_right for one in answers), len(answers)
-            certain = [one for one in answers if one.is_certain]
+            certain, cost = [one for one in answers if one.is_certain], float(np.mean([one.cost for one in answers]))
             rows.append(
                 (
                     rule,
@@ -486,7 +486,8 @@ class Evaluation(Tabular):
                     wilson_interval(right, number),
                     float(np.mean([one.stated for one in answers])),
                     float(np.mean([len(one.actions) for one in answers])),
-                    float(np.mean([one.cost for one in answers])),
+                    cost,
+                    *(() if error_cost is None else (cost + error_cost * (1.0 - right / number),)),
                     len(certain) / number,
                     float(np.mean([one.is_right for one in certain])) if certain else None,
                 )
@@ -494,6 +495,7 @@ class Evaluation(Tabular):
         spec = ".3f"
         columns = [
             *("rule", ("right", spec), ("95 %", spec), ("stated", spec), ("actions", ".2f"), ("cost", ".2f")),
+            *([] if error_cost is None else [("with errors", ".2f")]),
             *(("certain", spec), ("right of these", spec)),
         ]
         return Table("", columns, rows, f"{number} cases." if rows else "")

@@ -1,5 +1,7 @@
 """The door for whoever knows nothing of touch: cases, actions, outcomes; what is asked, named, stated and promised."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -222,6 +224,9 @@ def test_the_report_is_a_table_of_what_was_stated_right_taken_and_spent(task):
         assert abs(row["stated"] - row["right"]) < 0.05
         assert row["actions"] == row["cost"] <= 3
     assert "400 cases" in str(found)
+    assert "with_errors" not in rows["fixed"]
+    dear = replace(task, error_cost=50.0).evaluate(*drawn(np.random.default_rng(0), 400), rules=("fixed",)).rows()[0]
+    assert dear["with_errors"] == pytest.approx(dear["cost"] + 50.0 * (1.0 - dear["right"]))
 
 
 @pytest.mark.parametrize(
