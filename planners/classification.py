@@ -474,7 +474,7 @@ class Evaluation(Tabular):
     answers: Mapping[str, tuple[Answer, ...]]
 
     def table(self) -> Table:
-        """For each rule: right answers, what was stated, actions and their cost, "with errors" that of wrong ones too."""
+        """For each rule: right answers, what was stated, actions and their cost, "with errors" that of errors too."""
         rows, error_cost = [], self.task.error_cost
         for rule, answers in self.answers.items():
             right, number = sum(one.is_right for one in answers), len(answers)

@@ -277,3 +277,12 @@ def test_a_case_prints_its_classes_and_its_cost(task):
     assert case.rows()[0]["class"] == "ill"
     assert str(case).endswith("well          0.18\nActions: 1, cost: 1.")
     assert "<table>" in case._repr_html_()
+
+
+def test_a_table_as_of_a_spreadsheet_names_the_cell_that_is_no_number():
+    assert OutcomeCode.of([[0.0], [1.0]]).outcomes([[1], [None], [np.float32(0.0)]]).tolist() == [[1], [-1], [0]]
+    for cells in ([[1.0, 2.0], [1.5, ""]], np.array([[1.0, 2.0], [1.5, "x"]], object)):
+        with pytest.raises(ValueError, match=r"cases must be numbers, row \d, column \d .* missing values are NaN"):
+            OutcomeCode.of(cells)
+    with pytest.raises(ValueError, match=r"row 1, column 1 \(from 0\) is 'x'"):
+        OutcomeCode.of(cells)
