@@ -118,6 +118,9 @@ def read_columns(
 def _require_header(
     path: Path, header: Sequence[str], read: Collection[str], error: type[ActiveTouchError], needed: Sequence[str]
 ) -> None:
+    for sign, word in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and sign in header[0]:
+            raise error(f"{path} is separated by {word}; use commas, and a point in decimals")
     if missing := [name for name in needed if name not in header]:
         raise error(
             f"{path} has no column {' and no column '.join(map(repr, missing))}: it must name the columns, each once, "

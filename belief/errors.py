@@ -70,6 +70,18 @@ def code_source() -> tuple[Path | str, str]:
         return "", ""
 
 
+def did_you_mean(name: str, known: list[str], least: float = 0.6) -> str:
+    """A question that suggests the nearest name, of at least this similarity in [0, 1]; empty if there is none.
+
+    >>> did_you_mean("sesion", ["object", "session"])
+    " Did you mean 'session'?"
+    """
+    from difflib import get_close_matches
+
+    nearest = get_close_matches(name, known, n=1, cutoff=least)
+    return f" Did you mean {nearest[0]!r}?" if nearest else ""
+
+
 class CodeFailed(ActiveTouchError, RuntimeError):
     """Code of a user, such as a decider, raised an exception; the message names the line."""
 
@@ -82,11 +94,7 @@ class UnknownName(ActiveTouchError, KeyError):
     """A name is not in a registry; the message suggests the nearest name and lists all names."""
 
     def __init__(self, kind: str, name: str, known: list[str]) -> None:
-        from difflib import get_close_matches
-
-        nearest = get_close_matches(name, known, n=1)
-        hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
-        super().__init__(f"unknown {kind} {name!r}.{hint} Known: {', '.join(known)}.")
+        super().__init__(f"unknown {kind} {name!r}.{did_you_mean(name, known)} Known: {', '.join(known)}.")
         self._arguments = (kind, name, known)
 
     def __reduce__(self) -> tuple[type[UnknownName], tuple[str, str, list[str]]]:

@@ -28,7 +28,7 @@ from belief.composition import Composition
 from belief.constraints import ABOVE_ZERO, Count, Positive, Within, check, require_rule
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.naming import Name, checked_names, index_of
+from belief.naming import Name, checked_names, few, index_of, one_line
 from belief.observation_model.context_fit import OutcomeCode, fit_contexts
 from belief.observation_model.context_model import MISSING, ContextModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
@@ -42,6 +42,8 @@ from planners.session import Session
 
 _REMEMBERED = 100_000  # decisions, and steps of cases
 _HEIGHTS, _SLOPES = np.linspace(0.2, 4.5, 44), (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # a and b of planned stops
+_ANY = float(np.nextafter(0.0, 1.0))  # a stop that every probability reaches
+_SHOWN = 10  # classes of a case that prints
 RULES = ("adaptive", "random", "fixed")
 """How actions are chosen: by what they tell for their cost, in random order, or in the order of their numbers."""
 
@@ -100,6 +102,14 @@ class ActiveClassification(FrozenArrays):
         for name, value in (("actions", names), ("prior", prior), ("costs", costs), ("stop", stops)):
             object.__setattr__(self, name, value)
         self.freeze()
+
+    def __repr__(self) -> str:
+        words = {np.inf: "never", _ANY: "any"}
+        stops = [words.get(one, f"{one:g}") for one in np.atleast_1d(self.stop).tolist()]
+        parts = [f"classes: {few(self.classes)}", f"actions: {few(tuple(self.actions))}", f"stop: {few(stops)}"]
+        if self.certificate is not None:
+            parts.append(f"certificate: {self.certificate.note or 'print .certificate'}")
+        return f"{type(self).__name__}({'; '.join(parts)})"
 
     @classmethod
     def from_probs(
@@ -267,7 +277,7 @@ class ActiveClassification(FrozenArrays):
         wrong = table.argmax(axis=1) != truth[searches]
         candidates = CandidateStops(searches, steps, np.minimum(table.max(axis=1), 1.0), wrong, len(played))
         thresholds = certified_thresholds(candidates, risk, confidence)
-        stops = tuple(one if one > 0.0 else np.nextafter(0.0, 1.0) for one in thresholds.thresholds)
+        stops = tuple(one if one > 0.0 else _ANY for one in thresholds.thresholds)
         return replace(self, stop=stops, certificate=thresholds)
 
     def _session(self, decider: Decider, seed: int | Sequence[int]) -> Session:
@@ -319,11 +329,20 @@ class ActiveClassification(FrozenArrays):
         return np.array([index_of("class", self.classes, str(label)) for label in found.tolist()], np.int64)
 
 
-class Case:
-    """A case whose actions somebody else carries out: ask which one, tell its outcome."""
+class Case(Tabular):
+    """A case whose actions somebody else carries out: ask which one, tell its outcome. Prints as a table of classes."""
 
     def __init__(self, task: ActiveClassification, session: Session) -> None:
         self._task, self.session = task, session
+
+    def __repr__(self) -> str:
+        return one_line(type(self), f"{self.answer!r}, probability {self.stated:.2f}, cost {self.cost:g}")
+
+    def table(self) -> Table:
+        """The likeliest classes, and the cost of the actions so far."""
+        probs = self.belief.probs
+        rows = [(self.belief.labels[k], float(probs[k])) for k in np.argsort(-probs, kind="stable")[:_SHOWN].tolist()]
+        return Table("", ["class", ("probability", ".2f")], rows, f"Actions: {len(self.taken)}, cost: {self.cost:g}.")
 
     @property
     def asked(self) -> int | None:
@@ -455,11 +474,11 @@ class Evaluation(Tabular):
     answers: Mapping[str, tuple[Answer, ...]]
 
     def table(self) -> Table:
-        """For each rule: right answers with a 95 % interval, what was stated, number and cost of actions."""
-        rows = []
+        """For each rule: right answers, what was stated, actions and their cost, "with errors" that of errors too."""
+        rows, error_cost = [], self.task.error_cost
         for rule, answers in self.answers.items():
             right, number = sum(one.is_right for one in answers), len(answers)
-            certain = [one for one in answers if one.is_certain]
+            certain, cost = [one for one in answers if one.is_certain], float(np.mean([one.cost for one in answers]))
             rows.append(
                 (
                     rule,
@@ -467,7 +486,8 @@ class Evaluation(Tabular):
                     wilson_interval(right, number),
                     float(np.mean([one.stated for one in answers])),
                     float(np.mean([len(one.actions) for one in answers])),
-                    float(np.mean([one.cost for one in answers])),
+                    cost,
+                    *(() if error_cost is None else (cost + error_cost * (1.0 - right / number),)),
                     len(certain) / number,
                     float(np.mean([one.is_right for one in certain])) if certain else None,
                 )
@@ -475,6 +495,7 @@ class Evaluation(Tabular):
         spec = ".3f"
         columns = [
             *("rule", ("right", spec), ("95 %", spec), ("stated", spec), ("actions", ".2f"), ("cost", ".2f")),
+            *([] if error_cost is None else [("with errors", ".2f")]),
             *(("certain", spec), ("right of these", spec)),
         ]
         return Table("", columns, rows, f"{number} cases." if rows else "")

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from activetouch.errors import BadRecording
 from activetouch.recorded.touches import RecordedTouches
 from belief.columns import read_columns, require_bounded
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, did_you_mean
 from belief.files import plain_number
 from belief.journal import array_from, read_journal
 from belief.naming import few
@@ -43,6 +43,7 @@ _MOST_SESSION = 2**53  # so that it is exact as a float
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
 _ARRAYS = (*_NAMES, "features", "untouched", "feature_names", "provenance", "licence")
 _UNTOUCHED = "untouched:"  # begins the names of columns that were measured where nothing was touched
+_TYPO = 0.8  # least similarity of two names of which one is a typing error
 _MOST_PIXELS = 32  # along an edge
 _POSES = ("down", "45", "side")
 Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
@@ -59,6 +60,7 @@ def _touches_of_table(
     """The rows of CSV files, in which columns other than ``words`` are features; ``actions`` are those of the files."""
     hint = " (leave the column out, or if it is part of the action, give --action {})"
     table = read_columns(paths, words, BadRecording, needed=("object",), is_numeric=True, hint=hint)
+    _require_no_typo(table.headings, words, table.arrays, source)
     if not len(table.numbers):
         raise BadRecording(f"the CSV files in {source} have no rows below their headers")
     if actions:
@@ -114,6 +116,7 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
     hint = ". Touches are features (n, F), or pictures (n, H, W) or (n, H, W, C), and object (n,)"
     table = read_columns([path], (*_ARRAYS, *factors), BadRecording, needed=("features", "object"), hint=hint)
     arrays, others = table.arrays, table.others
+    _require_no_typo(others, (*_NAMES, *factors), arrays, str(path))
     given = {name: arrays[name] for name in (*_NAMES, *factors) if name in arrays}
     names = list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
     features, controls, notes = (
@@ -146,6 +149,17 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
         licence=str(arrays.get("licence", "not stated")),
     )
     return touches, notes
+
+
+def _require_no_typo(
+    others: Iterable[str], words: Iterable[str], present: Mapping[str, NDArray[Any]], source: str
+) -> None:
+    """Refuse a column that is called nearly like one that is absent; a typing error is rarely in the first letter."""
+    absent = [word for word in words if word not in present]
+    for name in filter(str.isalpha, others):
+        lower = name.lower()
+        if hint := did_you_mean(lower, [word for word in absent if word[0] == lower[0]], _TYPO):
+            raise BadRecording(f"{source} has a column {name!r}.{hint} Rename it, also if it is a feature")
 
 
 def _numbers(name: str, array: NDArray[Any], path: Path) -> Floats:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -18,7 +19,7 @@ from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
 from belief.observation_model.context_model import MISSING, ContextModel, log_products
-from belief.validation import Floats, as_real, checked_indices, require_count
+from belief.validation import Floats, as_real, checked_indices, require_count, unmasked
 
 _PRIOR = 0.5  # pseudo-counts of each outcome (Jeffreys), and of each context of a class
 _ROUNDS, _TIED_ROUNDS = 40, 4  # of the fit, without and with equal distributions made one
@@ -334,8 +335,15 @@ def _sharpness(
 
 
 def as_table(values: ArrayLike) -> Floats:
-    """Cases ``(n, C)`` as floats; NaN is missing."""
-    table = np.asarray(as_real(values, "cases"), np.float64)
+    """Cases ``(n, C)`` as floats; NaN and None are missing."""
+    cells = unmasked(values, "cases")
+    if cells.dtype.kind in "OSU" and cells.ndim == 2:  # of a spreadsheet
+        for (row, column), cell in np.ndenumerate(cells):
+            if cell is not None and not isinstance(cell, Real):
+                place = f"row {row}, column {column} (from 0)"
+                raise InvalidArgument(f"cases must be numbers, {place} is {cell!r:.40}; missing values are NaN")
+        cells = cells.astype(np.float64)
+    table = np.asarray(as_real(cells, "cases"), np.float64)
     if table.ndim != 2 or np.isinf(table).any():
         raise InvalidArgument(f"cases must be finite numbers (n, C), NaN where missing, got shape {table.shape}")
     return table

@@ -78,7 +78,8 @@ def recorded(
     splits = splits_of(touches, folds)
     most = max(len(np.unique(touches.labels[split.test])) for split in splits)
     if objects == _OBJECTS and 1 < most < objects:
-        objects, remarks = most, (*remarks, f"a split has {most} {task} to search among, in place of {objects}")
+        remark = f"searches are among {most} {task} instead of {objects}: that is how many are kept for testing"
+        objects, remarks = most, (*remarks, remark)
     if scenes and objects > most:
         raise BadArgument(f"--objects {objects}: there are {most} to search among; give fewer, or --scenes 0")
     if save is not None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 
 from activetouch.recorded.checking import Leaks
 from belief.statistics import cluster_bootstrap
@@ -20,6 +21,8 @@ from experiments.sensor.scores import accuracy_of_objects
 from planners.search import Identification
 
 _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean number of touches tells little
+_WIDE = 0.1  # below what is stated: an interval that reaches so far down does not show that it is right
+_LEAST = 6  # number of pairs that may show a difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,7 @@ class RecordedReport(Reported):
     def verdict(self) -> list[str]:
         """Sentences that say what was found."""
         warnings = [f"{text[0].upper()}{text[1:]}." for text in self.leaks.warnings()]
-        sentences = [*warnings, self.leaks.summary()]
+        sentences = [*warnings, *trust(self.named), *self._best(), self.leaks.summary()]
         order = [name for name in (GAIN, RANDOM, FIXED) if name in self.deciders()]
         shares = {name: self._mean(name, lambda one: one.is_certain) for name in order}
         task, goal = self.facts["task"], f"probability {self.facts['threshold']:g}"
@@ -71,13 +74,17 @@ class RecordedReport(Reported):
                 f"{wanted - scenes} of {wanted} scenes are left out: their objects have no action in common, or the "
                 f"split has fewer than {self.facts['objects']} {task}."
             )
-        if certain := [one.result for one in self.named if one.decider != FIXED and one.result.is_certain]:
-            stated, right = np.mean([(one.stated, one.is_right) for one in certain], axis=0)
-            sentences.append(
-                f"The {len(certain)} stops{' of random order and information gain' * (len(order) > 1)} that reach it "
-                f"state {stated:.3f} and are right in {right:.3f}."
-            )
         return sentences
+
+    def _best(self) -> list[str]:
+        """Sentences that name the best decider of identifications and of searches."""
+        fewest = {name: -by_object(self._by(name), lambda one: len(one.poses))[0] for name in self.deciders()}
+        return_of, shown = dict[str, Floats](), _shown(self.found)
+        for name in shown:
+            scenes, rewards = np.array([(one.scene, one.reward) for one in self.found if one.decider == name]).T
+            return_of[shown[name]] = _means(rewards, scenes)[0]
+        texts = {"Fewest touches until an object is named": fewest, "Largest return of searches": return_of}
+        return [best_of(text, values) for text, values in texts.items() if len(values) > 1]
 
     def report(self) -> Report:
         """Verdict, tables and the set, with ``results.json`` and ``episodes.jsonl``."""
@@ -159,22 +166,63 @@ def by_object(chosen: Sequence[Named], value: Callable[[Identification], float])
     """Mean of a value over the identifications of each object, and the objects, so that every object counts equally."""
     objects = np.array([one.object_index for one in chosen])
     values = np.array([value(one.result) for one in chosen], np.float64)
-    known = np.unique(objects)
-    return np.array([values[objects == index].mean() for index in known]), known
+    return _means(values, objects)
+
+
+def _means(values: Floats, groups: np.ndarray) -> tuple[Floats, np.ndarray]:
+    known = np.unique(groups)
+    return np.array([values[groups == index].mean() for index in known]), known
+
+
+def trust(named: Sequence[Named]) -> list[str]:
+    """A sentence that compares what stops state with what is right; none without stops."""
+    stops = [one for one in named if one.decider != FIXED and one.result.is_certain]
+    if not stops:
+        return []
+    known, objects = np.array([(one.result.is_right, one.object_index) for one in stops]).T
+    share = accuracy_of_objects(known, objects, np.random.default_rng(0))
+    stated, (_, low, high) = float(np.mean([one.result.stated for one in stops])), share
+    word, more = "agree with what is right", ""
+    if stated < low:
+        word = "are lower than what is right"
+    elif stated > high or low < stated - _WIDE:
+        word = "are too high here" if stated > high else "cannot be judged by so few objects"
+        more = "; record more sessions or objects"
+    of = " of random order and information gain" * any(one.decider == GAIN for one in named)
+    return [
+        f"Stated probabilities {word}: {len(stops)} stops{of} at {len(np.unique(objects))} objects state {stated:.3f} "
+        f"and are right in {interval(*share)}{more}."
+    ]
+
+
+def best_of(text: str, values: Mapping[str, Floats]) -> str:
+    """Which rule has the largest mean of paired values ``(n,)``, by t-tests at 5 % over the number of other rules."""
+    best, alike = max(values, key=lambda name: values[name].mean()), list[str]()
+    for name in sorted(set(values) - {best}):
+        gain = values[best] - values[name]
+        ratio = gain.mean() / max(gain.std() / np.sqrt(max(len(gain) - 1, 1)), 1e-12)
+        if len(gain) < _LEAST or 2.0 * scipy.special.stdtr(len(gain) - 1, -ratio) >= 0.05 / (len(values) - 1):
+            alike.append(name)
+    if len(alike) == len(values) - 1:
+        return f"{text}: no difference between {', '.join(values)} was found."
+    return f"{text}: {best}" + f"; from {', '.join(alike)} no difference was found" * bool(alike) + "."
+
+
+def _shown(found: Sequence[Found]) -> dict[str, str]:
+    """Names of deciders in tables: without their settings, where these do not tell them apart."""
+    words = {name: name.split("(")[0] for name in dict.fromkeys(one.decider for one in found)}
+    return {name: word if list(words.values()).count(word) == 1 else name for name, word in words.items()}
 
 
 def search_table(found: Sequence[Found]) -> Table:
     """Searches for a target among objects of known, different labels."""
     rows: list[Sequence[Value]] = []
-    deciders = list(dict.fromkeys(one.decider for one in found))
-    words = [name.split("(")[0] for name in deciders]
-    for name, word in zip(deciders, words, strict=True):
+    for name, shown in _shown(found).items():
         chosen = [one for one in found if one.decider == name]
         scenes, rng = np.array([one.scene for one in chosen]), np.random.default_rng(0)
         success = accuracy_of_objects(np.array([one.episode.success for one in chosen]), scenes, rng)
         touches = cluster_bootstrap([one.episode.num_touches for one in chosen], scenes, rng)
         reward = cluster_bootstrap([one.reward for one in chosen], scenes, rng)
-        shown = word if words.count(word) == 1 else name
         rows.append((shown, interval(*success), interval(*touches, spec=".2f"), interval(*reward), len(chosen)))
     guess = 1.0 / len(found[0].episode.arrangement)
     rows.append(("no touch: a guess", f"{guess:.3f}", "0", f"{2.0 * guess - 1.0:.3f}", None))

@@ -1,5 +1,7 @@
 """The door for whoever knows nothing of touch: cases, actions, outcomes; what is asked, named, stated and promised."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -222,6 +224,9 @@ def test_the_report_is_a_table_of_what_was_stated_right_taken_and_spent(task):
         assert abs(row["stated"] - row["right"]) < 0.05
         assert row["actions"] == row["cost"] <= 3
     assert "400 cases" in str(found)
+    assert "with_errors" not in rows["fixed"]
+    dear = replace(task, error_cost=50.0).evaluate(*drawn(np.random.default_rng(0), 400), rules=("fixed",)).rows()[0]
+    assert dear["with_errors"] == pytest.approx(dear["cost"] + 50.0 * (1.0 - dear["right"]))
 
 
 @pytest.mark.parametrize(
@@ -254,3 +259,30 @@ def test_cases_that_do_not_fit_are_refused(task):
     with pytest.raises(ValueError, match="an outcome is"):
         case.tell(7)
     assert isinstance(case.belief, Belief)
+
+
+def test_a_task_prints_in_a_line_and_says_that_nothing_is_promised(task):
+    assert repr(task) == "ActiveClassification(classes: ill, well; actions: blood, eyes, skin; stop: 0.9)"
+    printed = str(task.certified(*drawn(np.random.default_rng(0), 20)))
+    assert "stop: never; certificate: Nothing is promised with 20: at least" in printed
+    assert "\n" not in printed
+    certified = task.certified(*drawn(np.random.default_rng(0), 1000), risk=0.3)
+    assert repr(certified).endswith("stop: never, any; certificate: print .certificate)")
+
+
+def test_a_case_prints_its_classes_and_its_cost(task):
+    case = task.start()
+    case.tell(0)
+    assert repr(case) == "Case('ill', probability 0.82, cost 1)"
+    assert case.rows()[0]["class"] == "ill"
+    assert str(case).endswith("well          0.18\nActions: 1, cost: 1.")
+    assert "<table>" in case._repr_html_()
+
+
+def test_a_table_as_of_a_spreadsheet_names_the_cell_that_is_no_number():
+    assert OutcomeCode.of([[0.0], [1.0]]).outcomes([[1], [None], [np.float32(0.0)]]).tolist() == [[1], [-1], [0]]
+    for cells in ([[1.0, 2.0], [1.5, ""]], np.array([[1.0, 2.0], [1.5, "x"]], object)):
+        with pytest.raises(ValueError, match=r"cases must be numbers, row \d, column \d .* missing values are NaN"):
+            OutcomeCode.of(cells)
+    with pytest.raises(ValueError, match=r"row 1, column 1 \(from 0\) is 'x'"):
+        OutcomeCode.of(cells)

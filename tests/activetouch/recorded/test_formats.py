@@ -47,7 +47,11 @@ def test_a_csv_gives_objects_actions_and_sessions(tmp_path):
     [
         ("", "must name the columns"),
         ("thing,x\nmug,1\n", "with 'object' among them"),
-        ("object;x\nmug;0,5\n", "separated by commas, .*'object;x'"),
+        ("object;x\nmug;0,5\n", "touches.csv is separated by semicolons; use commas, and a point in decimals"),
+        ("object\tx\nmug\t0.5\n", "touches.csv is separated by tabs; use commas"),
+        ("object,sesion,x\nmug,1,1\n", "has a column 'sesion'. Did you mean 'session'. Rename it"),
+        ("object,acton,x\nmug,1,1\n", "Did you mean 'action'"),
+        ("object,Session,x\nmug,1,1\n", "Did you mean 'session'"),
         (",object,x\n0,mug,1\n1,mug,2\n", r"column 1 of .*touches.csv has no name.*to_csv\(index=False\)"),
         ('object,x\nmug,"0,5"\n', "'0,5', no number .decimals have a point"),
         ("object,x\nmug\n", "line 2 of .* has 1 cells, the header has 2"),
@@ -62,6 +66,14 @@ def test_an_error_in_a_csv_says_where_it_is(tmp_path, text, words):
     write_csv(tmp_path, text)
     with pytest.raises(BadRecording, match=words):
         read_recorded(tmp_path, "csv")
+
+
+def test_features_that_are_called_a_little_like_other_columns_are_features(tmp_path):
+    write_csv(tmp_path, "object,session,traction,shape1,sessions\nmug,1,2,3,4\n")
+    assert read_recorded(tmp_path, "csv")[0].feature_names == ("traction", "shape1", "sessions")
+    np.savez(tmp_path / "a.npz", features=np.ones((2, 1)), object=["a", "b"], sesion=[0, 1])
+    with pytest.raises(BadRecording, match=r"a.npz has a column 'sesion'. Did you mean 'session'"):
+        read_recorded(tmp_path / "a.npz", "npz")
 
 
 def test_an_npz_gives_what_its_arrays_hold(tmp_path):

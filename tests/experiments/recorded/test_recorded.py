@@ -17,7 +17,7 @@ from belief.errors import BrokenContract, CannotWrite, InvalidArgument, UnknownN
 from experiments.command_line.arguments import BadArgument
 from experiments.recorded.play import RANDOM, Named
 from experiments.recorded.recorded import Recorded, recorded
-from experiments.recorded.report import by_object
+from experiments.recorded.report import best_of, by_object, trust
 from planners.episode import Episode, Outcome
 from planners.search import Identification
 
@@ -92,6 +92,35 @@ def test_every_object_counts_equally_whatever_its_number_of_identifications():
     assert by_object(named, lambda one: len(one.poses))[0].tolist() == [3.0, 1.0]
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ([[1, 0, 1, 0]] * 40, "are too high here: 160 stops at 40 objects state 0.980 .* 0.500 .*; record more"),
+        ([[0, 0]] * 40, r"agree with what is right: .* 1.000 \[0.912, 1.000\]\.$"),
+        ([[1], [0], [0]], r"cannot be judged by so few objects: .* right in 0.667 \[0.000, 1.000\]; record more"),
+    ],
+)
+def test_the_verdict_says_whether_stated_probabilities_can_be_trusted(wrong, words):
+    named = [
+        Named(RANDOM, thing, Identification(0, answer, 0.98, (0,), True))
+        for thing, answers in enumerate(wrong)
+        for answer in answers
+    ]
+    assert re.match(f"Stated probabilities {words}", trust(named)[0])
+    assert trust([]) == []
+
+
+def test_the_best_decider_is_named_only_where_a_difference_was_found():
+    rng = np.random.default_rng(0)
+    value = rng.normal(size=30)
+    noisy = {"a": value, "b": value - 1.0 + 0.1 * rng.normal(size=30), "c": value + 0.1 * rng.normal(size=30)}
+    assert re.match("Return: [ac]; from [ac] no difference was found.$", best_of("Return", noisy))
+    assert best_of("Return", {"a": value, "b": noisy["b"]}) == "Return: a."
+    same = "Return: no difference between a, b was found."
+    assert best_of("Return", {"a": value, "b": value}) == same
+    assert best_of("Return", {"a": value[:2], "b": value[:2] - 1.0}) == same  # too few
+
+
 @pytest.mark.parametrize("is_easy", [False, True])
 @pytest.mark.usefixtures("one_classifier")
 def test_the_printed_verdict_says_how_many_objects_are_named(is_easy, tmp_path, rng, capsys):
@@ -108,9 +137,13 @@ def test_the_printed_verdict_says_how_many_objects_are_named(is_easy, tmp_path, 
         assert " ".join(sentence.split()) in " ".join(printed.split())
         assert sentence in report
     if is_easy:
-        assert "0.9, and the share of attempts that reach it: information gain 1.00 (1.000)" in verdict[-2]
+        assert "0.9, and the share of attempts that reach it: information gain 1.00 (1.000)" in verdict[-1]
+        assert re.match(
+            r"Stated probabilities .* stops .* at 5 objects state 0.9.* and are right in 1.000 \[", verdict[0]
+        )
+        assert verdict[1].startswith("Fewest touches until an object is named: no difference between random order, ")
     else:
-        assert re.match("Few objects are named with probability 0.9 within 2 touches: information gain 0.", verdict[1])
+        assert re.match("Few objects are named with probability 0.9 within 2 touches: information gain 0.", verdict[-1])
 
 
 def test_the_searches_are_recorded_as_episodes(own):
