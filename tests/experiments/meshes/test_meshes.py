@@ -175,7 +175,7 @@ def test_twins_are_named_before_the_first_touch(sensor):
     found = near_twins(sensor.model)
     assert {found[0].first, found[0].second} == {"bar", "same"}
     assert found[0].nats == pytest.approx(0.0, abs=1e-3)
-    assert "a touch tells 0.00 nats" in str(found[0])
+    assert "a touch favours the true one 1.00 times (0.00 nats)" in str(found[0])
 
 
 def test_bodies_that_differ_in_one_place_are_twins_by_the_touches_that_tell_nothing():
