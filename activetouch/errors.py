@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
+
 from belief.errors import ActiveTouchError
+
+_WITHIN = ("activetouch", "belief", "planners", "experiments", "functools")
 
 
 class WrongMujoco(ActiveTouchError, ImportError):
@@ -47,6 +52,14 @@ class AlikeShapes(UserWarning):
 
 class MeshWarning(UserWarning):
     """A mesh is read, and is not quite what its file says, or not one closed solid; the message says what it means."""
+
+
+def warn_of(message: str, category: type[Warning]) -> None:
+    """Warn with the line of the user that led here: the innermost one outside of this project."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _WITHIN:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)
 
 
 class MissingWeights(ActiveTouchError, OSError):

@@ -17,7 +17,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from activetouch.errors import BadMesh, DuplicateShape, MeshWarning
+from activetouch.errors import BadMesh, DuplicateShape, MeshWarning, warn_of
 from activetouch.robot_file import ROBOTS, is_robot, mesh_paths, read_link, read_robot
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS, OTHERS, why_not
@@ -130,7 +130,7 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
         if not isinstance(source, Path | str):
             raise InvalidArgument(f"meshes are given one by one, read_meshes(*files); got {source!r:.80}")
     found, left_out = read_files(*sources, scale=scale)
-    warn_of(left_out, stacklevel=3)
+    warn_of_files(left_out)
     return found
 
 
@@ -168,17 +168,17 @@ def read_files(
     if left_out and not found:
         reasons = "".join(f"\n- {line}" for line in _first(left_out, 3))
         raise InvalidArgument(f"no mesh could be read from {', '.join(map(str, sources))}:{reasons}")
-    warn_of([str(one.message) for one in said if issubclass(one.category, MeshWarning)], stacklevel=4)
+    warn_of_files([str(one.message) for one in said if issubclass(one.category, MeshWarning)])
     for one in said:
         if not issubclass(one.category, MeshWarning):
             warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
     return found, left_out
 
 
-def warn_of(lines: Sequence[str], stacklevel: int = 2) -> None:
+def warn_of_files(lines: Sequence[str]) -> None:
     """Warn with the first ten lines about mesh files."""
     for line in _first(lines, 10):
-        warnings.warn(line, MeshWarning, stacklevel=stacklevel)
+        warn_of(line, MeshWarning)
 
 
 def _first(lines: Sequence[str], most: int) -> Sequence[str]:

@@ -188,7 +188,14 @@ def _parsed(arguments: list[str]) -> Any:
 
         print(help_of(kind, name, **known))
         sys.exit()
-    return tyro.cli(kind, prog=f"activetouch {name}", args=options, **known)
+    try:
+        return tyro.cli(kind, prog=f"activetouch {name}", args=options, **known)
+    except SystemExit as end:
+        if end.code and hasattr(tyro.extras, "get_parser"):
+            from experiments.command_line.help import hints
+
+            print(*hints(name, options, commands()), sep="\n", file=sys.stderr)
+        raise
 
 
 if __name__ == "__main__":

@@ -239,10 +239,10 @@ class SceneChoice:
             raise InvalidArgument("--only leaves out the scene's own shapes; give others with --meshes")
         own = {} if self.only else named.scene.shapes
         if self.meshes:
-            from activetouch.mesh_source import warn_of
+            from activetouch.mesh_source import warn_of_files
 
             added = self.meshes_read[0]
-            warn_of(self.left_out)
+            warn_of_files(self.left_out)
             if taken := [label for label in added if label in own]:
                 raise DuplicateShape(
                     f"the scene {self.scene!r} has the shapes {', '.join(own)}; the meshes to add must have other "

@@ -111,6 +111,10 @@ class FunctionPolicy:
                 pass  # compiled functions tell no signature
         self.decide(info, np.random.default_rng(0))
 
+    def knows_target(self, info: InformationState) -> bool:
+        """Whether its observations depend on the target; those of "posterior" and "gains" hold its log-odds."""
+        return self.sees_target or self.state != STATES[0]
+
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`.
 
@@ -172,6 +176,11 @@ class SB3Policy(Checked):
                 )
             seen = change.normalize_obs(seen)
         return decision(info, int(model.predict(seen, deterministic=True)[0]), self.touch_limit)
+
+    def knows_target(self, info: InformationState) -> bool:
+        """Whether its observations, or the name of its file, depend on the target."""
+        _, state, sees_target, _ = self._loaded(info)
+        return sees_target or state != STATES[0] or "{target}" in self.path
 
     def files(self, target: str) -> tuple[Path, ...]:
         """The files that searches for this target follow: the policy's, and its normalisation's.

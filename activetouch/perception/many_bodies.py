@@ -136,7 +136,7 @@ def nested_model(reader: TactileReader, scene: Scene, plan: NestedPlan | None = 
     strangers = Strangers(scene, reader, bodies, random_views(hypotheses, bodies.code)[0], plan.check)
     start = NestedBodyModel(scene.shape_labels, nested(levels), bodies, 1.0, 0.06, *blank, plan.effort)
     model = replace(start, strangers=strangers)
-    with announced(f"fitting the bodies to {plan.pressed} simulated objects, which is kept in the cache"):
+    with announced(f"measuring once, on {plan.pressed} simulated objects, how much touches of these bodies tell"):
         make = partial(_fit, reader, scene, model, strangers, plan)
         fit = cached(_key(reader, scene, plan), ".json", make, _read_fit, _write_fit)
     return replace(

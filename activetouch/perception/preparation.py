@@ -6,7 +6,6 @@ cache (:mod:`activetouch.perception.cached_arrays`).
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from functools import partial
 from importlib.metadata import version
@@ -15,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.errors import AlikeShapes
+from activetouch.errors import AlikeShapes, warn_of
 from activetouch.orientations import Inexact
 from activetouch.perception.cached_arrays import cached, require_name
 from activetouch.perception.contacts.hypotheses import num_hypotheses
@@ -48,7 +47,7 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     make = partial(_fitted, reader, scene, np.random.default_rng([seed, 0xF17]))
     model, alike = cached(key, ".json", make, _read, _write)
     if alike:
-        warnings.warn(alike, AlikeShapes, stacklevel=4)
+        warn_of(alike, AlikeShapes)
     return model
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import warnings
 from dataclasses import InitVar, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import scipy  # whose parts load at first use
 
-from activetouch.errors import BadMesh, MeshWarning
+from activetouch.errors import BadMesh, MeshWarning, warn_of
 from activetouch.solids.examination import examined
 from activetouch.solids.raster import Surface
 from activetouch.solids.sizes import size_problem
@@ -76,8 +75,7 @@ class Mesh:
         if problem := size_problem(self.name, self.bounding_radius, scale):
             raise BadMesh(f"{self.name}: {problem}")
         if words := (*(remarks or ()), *surface.remarks):
-            level = 3 if remarks is None else 4  # the caller of the class or of from_file
-            warnings.warn(f"{self.name}: {'; '.join(words)}", MeshWarning, stacklevel=level)
+            warn_of(f"{self.name}: {'; '.join(words)}", MeshWarning)
 
     @classmethod
     def from_file(cls, path: Path | str, scale: float | None = None) -> Mesh:

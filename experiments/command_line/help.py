@@ -8,6 +8,7 @@ import re
 import shutil
 import textwrap
 import warnings
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import tyro
@@ -18,9 +19,7 @@ _NO_DEFAULT = re.compile(r" ?\(default: (?:None|False)?\)$")
 
 def help_of(kind: type, name: str, **known: Any) -> str:
     """The text that ``activetouch NAME --help`` prints; ``known`` may hold ``default``, an instance to show."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # there is no other way to the options
-        parser = tyro.extras.get_parser(kind, prog=f"activetouch {name}", **known)
+    parser = _parser(kind, name, **known)
     width = max(shutil.get_terminal_size().columns, 40)
     places = [str(action.metavar) for action in parser._actions if not action.option_strings]
     lines = [" ".join(["usage: activetouch", name, *places, "[OPTIONS]"]), "", *_description(kind, width)]
@@ -30,6 +29,34 @@ def help_of(kind: type, name: str, **known: Any) -> str:
             for action in actions:
                 lines += _option(action, width)
     return "\n".join(lines)
+
+
+_ALIKE = (
+    *({"--scene", "--sensor"}, {"--objects", "--num-objects"}, {"--episodes", "--searches"}, {"--target", "--targets"}),
+    {"--agent", "--deciders"},
+)
+
+
+def hints(command: str, words: Sequence[str], commands: Mapping[str, type]) -> list[str]:
+    """Lines on the options among some words that a command lacks and others have: its own name of it, or these."""
+    given = dict.fromkeys(word.partition("=")[0] for word in words if word.startswith("--"))
+    options = {name: {*_parser(kind, name)._option_string_actions} for name, kind in commands.items()}
+    lines = []
+    for option in (option for option in given if option not in options[command]):
+        alike = [name for names in _ALIKE if option in names for name in sorted(names & options[command])]
+        others = [name for name, has in options.items() if option in has]
+        if alike:
+            lines.append(f"{command} takes {alike[0]} in place of {option}")
+        elif others:
+            lines.append(f"{option} is an option of {', '.join(others)}, not of {command}")
+    return lines
+
+
+def _parser(kind: type, name: str, **known: Any) -> Any:
+    """The parser of a command."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # there is no other way to the options
+        return tyro.extras.get_parser(kind, prog=f"activetouch {name}", **known)
 
 
 def _description(kind: type, width: int) -> list[str]:

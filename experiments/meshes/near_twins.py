@@ -41,7 +41,8 @@ class NearTwins:
 
     def __str__(self) -> str:
         silent = f", and {self.silent:.0%} of touches tell next to nothing" if self.silent >= MOST else ""
-        return f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats{silent}"
+        favours = f"a touch favours the true one {np.exp(self.nats):.2f} times ({self.nats:.2f} nats)"
+        return f"{self.first} and {self.second} feel nearly alike: {favours}{silent}"
 
 
 def near_twins(model: NestedBodyModel) -> list[NearTwins]:

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 from activetouch import TactileSensor
-from activetouch.mesh_source import labelled_sources, warn_of
+from activetouch.mesh_source import labelled_sources, warn_of_files
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
@@ -220,7 +220,7 @@ def body_index(labels: Iterable[str], name: str) -> int:
 def solids_of(bodies: Bodies, scale: float | None) -> tuple[Mapping[str, Shape], list[str]]:
     """Bodies by label, as given, or of mesh files; and lines on those left out, of which it warns."""
     solids, left_out = (bodies, list[str]()) if isinstance(bodies, Mapping) else read_folder(bodies, scale)
-    warn_of(left_out, stacklevel=4)
+    warn_of_files(left_out)
     if len(solids) == 1:
         reasons = "".join(f"\n- {line}" for line in left_out)
         raise InvalidArgument(f"one body, {next(iter(solids))}: nothing to tell apart; add a mesh{reasons}")

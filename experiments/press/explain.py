@@ -10,7 +10,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import tyro
 
-from activetouch.named_scenes import NamedScene
+from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Resampled, Upright
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
@@ -22,7 +22,7 @@ from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import ALIKE, near_twins
 from experiments.meshes.setting import model_of, sensor_of
 from experiments.parallel import default_jobs
-from experiments.scene_choice import SceneChoice
+from experiments.scene_choice import SceneChoice, command
 
 _MOST_PAIRS = 12  # of shapes that feel alike, in a list
 
@@ -89,6 +89,9 @@ class Explain:
         print(found.table(), end="\n\n")
         for remark in found.remarks:
             console.print(f"- {remark}")
+        if self.choice.pad is not None:
+            train = command("train", pad=self.choice.pad, out=f"sensors/{self.choice.pad.stem}")
+            print(f"- To search with this pad, train a reader for it: {train}")
         for line in self.choice.left_out:
             print(f"- {line}")
 
@@ -101,9 +104,13 @@ def _alike_words(scene: Scene, name: str, jobs: int) -> list[str]:
         return [f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary."]
     if not (MODELS / name / ANY_OBJECT_FILE).is_file():
         return ["Shapes are not compared: the scene has no sensor that reads any object."]
+    own, parts = SCENES[name].scene, ("pad", "renderer", "hand")
+    if changed := [part for part in parts if getattr(scene, part) != getattr(own, part)]:
+        return [f"Shapes are not compared: the reader of {name} was trained for another {' and '.join(changed)}."]
     twins = near_twins(model_of(sensor_of(scene.solids, name, jobs=jobs)))
     return [f"{twin}." for twin in twins[:_MOST_PAIRS]] or [
-        f"No two shapes feel nearly alike: from 26 directions, a touch tells {ALIKE} nats or more against any other."
+        f"No two shapes feel nearly alike: from 26 directions, a touch favours the true one {np.exp(ALIKE):.1f} times "
+        f"or more against any other ({ALIKE} nats)."
     ]
 
 
@@ -164,8 +171,9 @@ def inventory(named: NamedScene) -> list[Item]:
         ]
     coupled = named.composition is Composition.DISTINCT
     number = len(scene.shapes) * (named.num_objects if coupled else 1)
-    of = f"of {named.num_objects} objects, no two alike" if coupled else "of the current object; others are independent"
-    return [item for item in (*items, Item(number, "hidden probabilities", f"shape {of}")) if item.number]
+    of = f"and each of {named.num_objects} objects, no two alike" if coupled else "of the current object"
+    believed = Item(number, "probabilities of the belief", f"one for each shape {of}")
+    return [item for item in (*items, believed) if item.number]
 
 
 def latent(scene: Scene) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
@@ -22,7 +23,7 @@ from belief.observation_model.embedded_hypotheses import EmbedsByPose
 from belief.observation_model.model import GivesLogits
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import SearchProblem
-from belief.references import ForeignCode
+from belief.references import ForeignCode, build
 from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Trust, check_arguments
 from experiments.parallel import ENGINE, default_jobs
@@ -42,7 +43,7 @@ from experiments.search.verdict import answer_sentences, results_table, terminal
 from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider
 from planners.fingerprint import files_digest
-from planners.registry import DECIDERS, copyable, find_decider
+from planners.registry import DECIDERS, PREFIX, copyable, find_decider
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -282,7 +283,11 @@ def prepared(
             )
     for player in players.values():
         if isinstance(player, str):
-            find_decider(player)  # raises UnknownName
+            found, named_as = find_decider(player)  # raises UnknownName
+            if player.startswith(PREFIX):
+                saved = build(player, found, named_as.settings, {}, True)
+                for target in chosen:
+                    saved.files(target)  # raises MissingPolicy
     if out is not None:
         require_writable(out)
         RunFolder(out).require(identity_of(scene.scene, problem, seed))  # before the sensor is prepared
@@ -311,7 +316,10 @@ def prepared(
     searches = Searches(sensor, problem, seed, setting.choice.scene, digest)
     for (name, decider), target in product(made.items(), chosen):
         with ForeignCode(f"in the first decision of {name}, target {target}"):
-            prepare(searches, decider, problem.shape_labels.index(target))
+            knows_target = prepare(searches, decider, problem.shape_labels.index(target))
+        if not knows_target and target == chosen[0] and len(chosen) > 1:
+            said = f"{name} sees no target: it plays all {len(chosen)} targets alike"
+            print(f"warning: {said}", file=sys.stderr)
     if setting.abstain is not None:
         from planners.abstaining import Abstaining
 

@@ -248,11 +248,18 @@ class FullInformation:
         return replace(episode, steps=(*episode.steps[:-1], last), outcome=Outcome.CONFIRMED)
 
 
-def prepare(searches: Searches, decider: Decider, target: int) -> None:
-    """Let a decider with a method ``prepare`` load what it needs, or raise what keeps it from playing."""
-    if callable(ready := getattr(getattr(decider, "decider", decider), "prepare", None)):
+def prepare(searches: Searches, decider: Decider, target: int) -> bool:
+    """Let a decider with a method ``prepare`` load what it needs, or raise what keeps it from playing.
+
+    Whether it can know the target: only those with a method ``knows_target`` may not.
+    """
+    player = getattr(decider, "decider", decider)
+    if callable(ready := getattr(player, "prepare", None)):
         problem = searches.problem.seeking(target)
-        ready(InformationState.of(problem, target, SceneBelief(problem, searches.sensor.model), 0))
+        info = InformationState.of(problem, target, SceneBelief(problem, searches.sensor.model), 0)
+        ready(info)
+        return bool(player.knows_target(info)) if hasattr(player, "knows_target") else True
+    return True
 
 
 @lru_cache(maxsize=1)

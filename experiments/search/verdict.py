@@ -12,6 +12,7 @@ from statistics import fmean, median
 from typing import NamedTuple
 
 from belief.metrics.calibration_at_stop import StopScore
+from belief.naming import UNLISTED
 from belief.problem import Confirm, Reject
 from belief.statistics.comparison import LEVEL, POWER
 from belief.table import Table, Value, ends, interval
@@ -30,7 +31,7 @@ _ROLES = {
     "random_confirm": ", which guesses,",
     FULL_INFORMATION: ", which touches all objects in all poses,",
 }
-_MOST_NAMED, _MOST_REASONS = 6, 3  # deciders in the answer, and reasons of failures of each
+_MOST_NAMED, _MOST_REASONS, _MOST_PAIRS = 6, 3, 2  # deciders in the answer; of each, reasons of failures and pairs
 _PROBABLE, _POSSIBLE = 0.5, 0.05  # probabilities of the target at a wrong decision
 
 
@@ -150,7 +151,21 @@ def failure_sentence(name: str, episodes: Sequence[Episode]) -> str:
         numbers = f" ({'median: ' * (len(found) > 1)}{touched})" if touches else ""
         told.append(f"{f'in {len(found)} ' * (len(groups) > 1)}it {found[0].words}{numbers}")
     rest = sum(map(len, groups[_MOST_REASONS:]))
-    return f"Why {name} fails in {len(failed)}: {'; '.join(told)}{f'; {rest} have other reasons' * (rest > 0)}."
+    told += [f"{rest} have other reasons"] * (rest > 0)
+    return f"Why {name} fails in {len(failed)}: {'; '.join(told)}.{_confused(failed)}"
+
+
+def _confused(failed: Sequence[Episode]) -> str:
+    """Which objects were most often taken for which target, as a sentence; empty if none was."""
+    pairs = Counter((one.confirmed_shape, one.target) for one in failed if one.confirmed_shape is not None)
+    labels = failed[0].steps[0].belief.labels
+    shown = [
+        f"{'an unlisted object' if shape == UNLISTED else labels[shape]} was taken for {labels[target]}"
+        f"{f' {number} times' * (number > 1)}"
+        for (shape, target), number in pairs.most_common(_MOST_PAIRS)
+    ]
+    where = "Most often" if len(pairs) > len(shown) else "There"
+    return f" {where}, {' and '.join(shown)}." if shown else ""
 
 
 class Failure(NamedTuple):

@@ -92,6 +92,19 @@ def test_a_name_that_is_none_of_the_choices_is_answered_with_the_choices_alone(o
     assert "None" not in told.out + told.err
 
 
+def test_an_option_of_another_command_is_answered_with_a_hint(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli._parsed(
+            ["find", "scans", "--target", "mug", "--scene", "coarse", "--episodes=3", "--fidelity", "x", "--zz"]
+        )
+    assert end.value.code == 2
+    assert capsys.readouterr().err.splitlines()[-3:] == [
+        "find takes --sensor in place of --scene",
+        "find takes --searches in place of --episodes",
+        "--fidelity is an option of compare, live, touch, explain, collect, certify, not of find",
+    ]
+
+
 def test_open_shows_the_page_that_was_written_or_says_where_it_is(monkeypatch, tmp_path, capsys):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda page: opened.append(page) or len(opened) < 2)

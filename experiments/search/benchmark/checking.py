@@ -234,9 +234,10 @@ def _with_replay(entry: Entry, share: float, hidden: HiddenSeeds | None, jobs: i
     found, card = entry.submission, entry.card
     assert found is not None, "it was read"
     assert card is not None, "it was read"
-    chosen = [batch for batch in found.batches if np.random.default_rng().random() < share]
-    if not chosen:
+    if not share:
         return entry
+    drawn = np.random.default_rng().random(len(found.batches))
+    chosen = [batch for batch, at in zip(found.batches, drawn, strict=True) if at <= max(share, drawn.min())]
     header, faults, notes = found.header, list(entry.faults), list(entry.notes)
     is_same = header.processor == processor() and header.versions.items() >= versions().items()
     is_own = is_same and header.versions.get("code") == code_versions()["code"] and header.agent in DECIDERS

@@ -35,7 +35,7 @@ from experiments.meshes import setting as setting_module
 from experiments.meshes.find import Find, find, stated
 from experiments.meshes.identify import Identified, Identify, identify
 from experiments.meshes.near_twins import MOST, near_twins
-from experiments.meshes.result import RESULTS, result_of
+from experiments.meshes.result import RESULTS, result_of, solids_of
 from experiments.meshes.setting import (
     cost_words,
     read_folder,
@@ -146,8 +146,9 @@ def test_a_folder_is_read_with_what_cannot_be_read_left_out(folder, tmp_path):
     with pytest.raises(InvalidArgument, match=r"(?s)no mesh.*:\n- \S*/a.*\n- \S*/c.*\n- and 2 more files$"):
         read_folder(tmp_path)
     (tmp_path / "large.obj").write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
-    with pytest.warns(MeshWarning, match="millimetres"):
-        read_folder(tmp_path)
+    with pytest.warns(MeshWarning, match="millimetres") as said:
+        assert solids_of([tmp_path / "large.obj", folder / "cube.obj"], None)
+    assert [one.filename for one in said] == [__file__]  # once, with the line of the user
     with pytest.raises(FileNotFoundError, match="no folder"):
         read_folder(tmp_path / "missing")
 
@@ -174,7 +175,7 @@ def test_twins_are_named_before_the_first_touch(sensor):
     found = near_twins(sensor.model)
     assert {found[0].first, found[0].second} == {"bar", "same"}
     assert found[0].nats == pytest.approx(0.0, abs=1e-3)
-    assert "a touch tells 0.00 nats" in str(found[0])
+    assert "a touch favours the true one 1.00 times (0.00 nats)" in str(found[0])
 
 
 def test_bodies_that_differ_in_one_place_are_twins_by_the_touches_that_tell_nothing():

@@ -88,9 +88,31 @@ def test_explain_names_shapes_that_feel_nearly_alike(monkeypatch, capsys):
     Explain(SceneChoice("coarse"), presses=1).run()
     printed = capsys.readouterr().out
     text = " ".join(printed.split())
-    for words in ("contact pair", "ms on one core", "cube and cone feel nearly alike: a touch tells 0.50 nats."):
+    for words in ("contact pair", "ms on one core", "a touch favours the true one 1.65 times (0.50 nats)."):
         assert words in text
     assert len(printed.splitlines()) < 45
     twins.clear()
-    assert "No two shapes feel nearly alike" in explain._alike_words(COARSE.scene, "coarse", 1)[0]
+    [none] = explain._alike_words(COARSE.scene, "coarse", 1)
+    assert none.endswith(
+        "from 26 directions, a touch favours the true one 2.2 times or more against any other (0.8 nats)."
+    )
     assert "no sensor that reads any object" in explain._alike_words(COARSE.scene, "paper", 1)[0]
+
+
+@pytest.mark.parametrize("name", ["coarse", "gel", "hard"])
+def test_shapes_are_compared_by_the_reader_of_the_scene_alone(name, monkeypatch):
+    for part in ("near_twins", "sensor_of", "model_of"):
+        monkeypatch.setattr(explain, part, lambda *given, **named: [])
+    scene = SCENES[name].scene
+    assert "feel nearly alike" in explain._alike_words(scene, name, 1)[0]
+    [words] = explain._alike_words(SceneChoice(name, hand="parallel").named.scene, name, 1)
+    assert words == f"Shapes are not compared: the reader of {name} was trained for another hand."
+
+
+def test_of_a_described_pad_explain_says_how_to_train_a_reader(tmp_path, capsys):
+    (tmp_path / "two.toml").write_text("[grid]\nrows = 1\ncolumns = 2\npitch_mm = 6.0\n")
+    Explain(SceneChoice(pad=tmp_path / "two.toml"), presses=1).run()
+    printed = capsys.readouterr().out
+    assert "feel nearly alike" not in printed
+    assert "the reader of gel was trained for another pad and renderer." in " ".join(printed.split())
+    assert f"activetouch train --pad {tmp_path}/two.toml --out sensors/two" in printed

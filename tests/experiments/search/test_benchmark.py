@@ -106,6 +106,11 @@ def test_honest_files_pass_and_the_table_tells_agents_apart_or_not(honest, capsy
     assert small == 26
 
 
+def test_a_small_share_plays_a_batch_again(honest):
+    entries = [check([honest[CARELESS]], share=1e-9, jobs=1)[0].replayed for _ in range(2)]
+    assert entries == [13, 13]  # one of two batches
+
+
 def test_what_is_played_on_another_processor_passes_within_rounding(honest, tmp_path):
     found = Submission.load(honest[CARELESS])
     searches = [

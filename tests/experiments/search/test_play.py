@@ -17,7 +17,7 @@ from experiments.search.run import read_episode
 from planners import Decision, SequentialDecider, search_lockstep
 from planners.fingerprint import fingerprint
 from planners.other_agents import FunctionPolicy
-from planners.ppo import BadPolicy
+from planners.ppo import BadPolicy, MissingPolicy
 from planners.probing import FixedOrder
 from planners.registry import copyable
 from planners.stopping import PosteriorThresholds
@@ -67,6 +67,11 @@ def test_what_cannot_play_is_said_before_the_first_search_with_the_line_of_the_u
     (tmp_path / "bad.zip").write_text("nonsense")
     with pytest.raises(BadPolicy, match="no file that Stable-Baselines3 saved"):
         prepared(setting, f"sb3:{tmp_path}/bad.zip", jobs=1)
+    monkeypatch.setattr(Setting, "open_sensor", None)  # which takes minutes for many bodies
+    with pytest.raises(MissingPolicy, match=r"there is no file .*none\.zip") as failed:
+        prepared(setting, f"sb3:{tmp_path}/none.zip", jobs=1)
+    assert not hasattr(failed.value, "__notes__")
+    monkeypatch.undo()
     for jobs in (1, 2):
         with pytest.raises(CodeFailed, match=line) as failed:
             prepared(setting, {"mine": Fails()}, targets="cone", episodes=1, jobs=jobs).play(jobs)
@@ -178,3 +183,18 @@ def test_a_decider_that_cannot_be_copied_is_made_anew_for_each_batch(settings, l
 def test_a_decider_that_cannot_be_made_anew_is_refused_before_the_first_search(given, jobs, locked):
     with pytest.raises(BrokenContract, match=r"cannot be copied \(.*lock.*name a class or a function that makes one"):
         prepared(locked, given, targets="cone", episodes=1, jobs=jobs)
+
+
+def test_a_policy_that_sees_no_target_is_named_where_there_are_several(capsys):
+    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"))
+    given = {"state='paper'": 1, "sees_target=True": 0, "state='posterior'": 0}
+    for words, number in given.items():
+        name = f"policy:tests.experiments.search.test_play:confirms({words})"
+        prepared(setting, name, jobs=1)
+        assert capsys.readouterr().err.count("sees no target: it plays all 4 targets alike") == number
+        prepared(setting, name, targets=["cone"], jobs=1)
+        assert "sees no target" not in capsys.readouterr().err
+
+
+def confirms(observation):
+    return 6

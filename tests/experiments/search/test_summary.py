@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+from belief.naming import UNLISTED
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from belief.statistics.comparison import episodes_for_success
 from belief.table import Table
@@ -191,10 +192,22 @@ def test_reasons_are_counted_the_most_frequent_first():
     assert failure_sentence("mine", some) == (
         "Why mine fails in 5: in 3 it was misled: the touches of the target speak against it (median: 2 touches of "
         "it, probability 0.01); in 2 it gave the target up while it was still possible (median: 1 touch of it, "
-        "probability 0.30)."
+        "probability 0.30). There, b was taken for a 5 times."
     )
     assert failure_sentence("mine", some[5:]) == ""
     assert failure_sentence("guesses", [search("rc")] * 3) == ""
+
+
+def test_the_pairs_that_are_confused_most_are_named():
+    def confused(shape, target):
+        arrangement = (shape, shape)
+        steps = (Step(0, Belief.from_probs(tuple("abcd"), [0.25] * 4), Decision(Confirm()), Touch(0, np.zeros(4))),)
+        return Episode((0, target, 0), target, arrangement, steps, Outcome.CONFIRMED)
+
+    some = [confused(1, 0), confused(3, 2), confused(3, 2), confused(0, 2), confused(UNLISTED, 0)]
+    assert failure_sentence("mine", some).endswith("Most often, d was taken for c 2 times and b was taken for a.")
+    assert failure_sentence("mine", some[-1:]).endswith(". There, an unlisted object was taken for a.")
+    assert "taken" not in failure_sentence("mine", [search("ttt", outcome=Outcome.TRUNCATED)])
 
 
 def test_the_featured_search_is_one_in_which_deciders_differ_in_success(rng):
