@@ -179,7 +179,7 @@ def trust(named: Sequence[Named]) -> list[str]:
     if not stops:
         return []
     known, objects, said = np.array([(one.result.is_right, one.object_index, one.result.stated) for one in stops]).T
-    (right, low, high), stated = accuracy_of_objects(known, objects, np.random.default_rng(0)), said.mean()
+    (right, low, high), stated = accuracy_of_objects(known, objects, np.random.default_rng(0)), float(said.mean())
     word = "are lower than what is right" if stated < low else "agree with what is right"
     if is_weak := stated > min(high, low + _WIDE):
         word = "are too high here" if stated > high else "cannot be judged by so few objects"
