@@ -15,6 +15,7 @@ object's hypotheses are. A case is a search with one object.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
@@ -42,8 +43,7 @@ from planners.session import Session
 
 _REMEMBERED = 100_000  # decisions, and steps of cases
 _HEIGHTS, _SLOPES = np.linspace(0.2, 4.5, 44), (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # a and b of planned stops
-_ANY = float(np.nextafter(0.0, 1.0))  # a stop that every probability reaches
-_SHOWN = 10  # classes of a case that prints
+_ANY, _SHOWN = float(np.nextafter(0.0, 1.0)), 10  # a stop that every probability reaches; classes of a case that prints
 RULES = ("adaptive", "random", "fixed")
 """How actions are chosen: by what they tell for their cost, in random order, or in the order of their numbers."""
 
@@ -92,20 +92,22 @@ class ActiveClassification(FrozenArrays):
         names = checked_names("actions", self.actions or tuple(map(str, range(number))))
         prior = normalise_probs(np.full(len(labels), 1.0 / len(labels)) if self.prior is None else self.prior, "prior")
         costs = np.ones(number) if self.costs is None else np.asarray(as_real(self.costs, "costs"), np.float64)
-        if len(names) != number or costs.shape != (number,) or not (costs > 0.0).all() or not np.isfinite(costs).all():
-            raise InvalidArgument(f"{number} actions need as many names and costs > 0, got {len(names)} and {costs}")
+        if len(names) != number or costs.shape != (number,):
+            raise InvalidArgument(f"{number} actions need as many names and costs, got {len(names)} and {costs.shape}")
+        if wrong := [f"{n!r} costs {c:g}" for n, c in zip(names, costs, strict=True) if not 0 < c < np.inf]:
+            raise InvalidArgument(f"actions have costs > 0: {few(wrong)}; give what is free a small cost, such as 1e-3")
         if prior.shape != (len(labels),):
             raise InvalidArgument(f"{len(labels)} classes need as many probabilities, got {prior.shape}")
         stops = tuple(np.atleast_1d(self.stop).tolist())
         if not stops or not all(0.0 < one <= 1.0 or one == np.inf for one in stops):
-            raise InvalidArgument(f"stop must be in (0, 1], or infinite for never, got {self.stop!r}")
+            hint = f" ({stops[0] / 100:g}?)" if stops and 1.0 < stops[0] <= 100.0 else ""
+            raise InvalidArgument(f"stop must be in (0, 1], or infinite for never, got {self.stop!r}{hint}")
         for name, value in (("actions", names), ("prior", prior), ("costs", costs), ("stop", stops)):
             object.__setattr__(self, name, value)
         self.freeze()
 
     def __repr__(self) -> str:
-        words = {np.inf: "never", _ANY: "any"}
-        stops = [words.get(one, f"{one:g}") for one in np.atleast_1d(self.stop).tolist()]
+        stops = [{np.inf: "never", _ANY: "any"}.get(one, f"{one:g}") for one in np.atleast_1d(self.stop).tolist()]
         parts = [f"classes: {few(self.classes)}", f"actions: {few(tuple(self.actions))}", f"stop: {few(stops)}"]
         if self.certificate is not None:
             parts.append(f"certificate: {self.certificate.note or 'print .certificate'}")
@@ -154,7 +156,7 @@ class ActiveClassification(FrozenArrays):
         """The task of a table of past cases with known classes; its model is fitted to them.
 
         Args:
-            cases: values of columns, ``(n, C)``, finite; NaN where missing.
+            cases: values of columns, ``(n, C)``, finite; NaN or None where missing.
             labels: class of each case, ``(n,)``, any values that can be sorted.
             actions: names of the P actions.
             groups: columns that one action shows, for each action; by default each column is an action.
@@ -171,7 +173,14 @@ class ActiveClassification(FrozenArrays):
         names = tuple(str(value) for value in values.tolist())
         model = fit_contexts(outcomes, number, names, num_contexts, code.sizes(), seed)
         shares = (np.bincount(number, minlength=len(names)) + 1.0) / (len(number) + len(names))
-        return cls(model, actions, code=code, **{"prior": shares, **settings})
+        task = cls(model, actions, code=code, **{"prior": shares, **settings})
+        known = dict[str, str]()
+        for name in names:
+            if (other := known.setdefault(" ".join(name.casefold().split()), name)) != name:
+                warnings.warn(f"the classes {other!r} and {name!r} differ in spaces or case only", stacklevel=2)
+        if empty := [task.actions[i] for i in np.flatnonzero((outcomes == MISSING).all(axis=0)).tolist()]:
+            warnings.warn(f"no case has a value of {few(empty)}: leave out what is never seen", stacklevel=2)
+        return task
 
     def planned(self, error_cost: float, num_cases: int = 1000, seed: int = 0) -> ActiveClassification:
         """The task with the stops of the least expected cost, of actions and of errors, in cases drawn from its model.
@@ -360,7 +369,7 @@ class Case(Tabular):
 
         Args:
             outcome: index of the outcome; for a task from a table the value of the column, or the values of all columns
-                of the action. None if the action cannot be carried out: another one is then asked for.
+                of the action. None or NaN if the action cannot be carried out: another one is then asked for.
             action: name or index, if it is another one than was asked for.
 
         Raises:
@@ -369,7 +378,7 @@ class Case(Tabular):
         pose = self.asked if action is None else index_of("action", tuple(self._task.actions), action)
         if pose is None:
             raise InvalidArgument(f"the case is decided: {self.answer}")
-        if outcome is None:
+        if outcome is None or (isinstance(outcome, float) and np.isnan(outcome)):
             self.tell_outcome(MISSING, pose)
         elif self._task.code is None:
             self.tell_outcome(int(outcome), pose)

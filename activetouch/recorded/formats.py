@@ -60,7 +60,7 @@ def _touches_of_table(
     """The rows of CSV files, in which columns other than ``words`` are features; ``actions`` are those of the files."""
     hint = " (leave the column out, or if it is part of the action, give --action {})"
     table = read_columns(paths, words, BadRecording, needed=("object",), is_numeric=True, hint=hint)
-    _require_no_typo(table.headings, words, table.arrays, source)
+    _require_no_typo(table.headings, [word for word in words if word not in table.arrays], source)
     if not len(table.numbers):
         raise BadRecording(f"the CSV files in {source} have no rows below their headers")
     if actions:
@@ -116,7 +116,7 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
     hint = ". Touches are features (n, F), or pictures (n, H, W) or (n, H, W, C), and object (n,)"
     table = read_columns([path], (*_ARRAYS, *factors), BadRecording, needed=("features", "object"), hint=hint)
     arrays, others = table.arrays, table.others
-    _require_no_typo(others, (*_NAMES, *factors), arrays, str(path))
+    _require_no_typo(others, [name for name in (*_NAMES, *factors) if name not in arrays], str(path))
     given = {name: arrays[name] for name in (*_NAMES, *factors) if name in arrays}
     names = list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
     features, controls, notes = (
@@ -151,14 +151,10 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
     return touches, notes
 
 
-def _require_no_typo(
-    others: Iterable[str], words: Iterable[str], present: Mapping[str, NDArray[Any]], source: str
-) -> None:
-    """Refuse a column that is called nearly like one that is absent; a typing error is rarely in the first letter."""
-    absent = [word for word in words if word not in present]
+def _require_no_typo(others: Iterable[str], absent: Sequence[str], source: str) -> None:
+    """Refuse a column that is called nearly like an absent one; typing errors are rarely in the first letter."""
     for name in filter(str.isalpha, others):
-        lower = name.lower()
-        if hint := did_you_mean(lower, [word for word in absent if word[0] == lower[0]], _TYPO):
+        if hint := did_you_mean(name.lower(), [word for word in absent if word[0] == name[0].lower()], _TYPO):
             raise BadRecording(f"{source} has a column {name!r}.{hint} Rename it, also if it is a feature")
 
 

@@ -338,10 +338,11 @@ def as_table(values: ArrayLike) -> Floats:
     """Cases ``(n, C)`` as floats; NaN and None are missing."""
     cells = unmasked(values, "cases")
     if cells.dtype.kind in "OSU" and cells.ndim == 2:  # of a spreadsheet
-        for (row, column), cell in np.ndenumerate(cells):
+        for (i, column), cell in np.ndenumerate(cells := np.asarray(values, object)):
             if cell is not None and not isinstance(cell, Real):
-                place = f"row {row}, column {column} (from 0)"
-                raise InvalidArgument(f"cases must be numbers, {place} is {cell!r:.40}; missing values are NaN")
+                raise InvalidArgument(
+                    f"row {i}, column {column} of cases is {cell!r:.40}, no number; missing values are NaN"
+                )
         cells = cells.astype(np.float64)
     table = np.asarray(as_real(cells, "cases"), np.float64)
     if table.ndim != 2 or np.isinf(table).any():

@@ -21,8 +21,7 @@ from experiments.sensor.scores import accuracy_of_objects
 from planners.search import Identification
 
 _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean number of touches tells little
-_WIDE = 0.1  # below what is stated: an interval that reaches so far down does not show that it is right
-_LEAST = 6  # number of pairs that may show a difference
+_WIDE, _LEAST = 0.1, 6  # width of an interval below what is stated that shows little; pairs that show a difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,19 +178,15 @@ def trust(named: Sequence[Named]) -> list[str]:
     stops = [one for one in named if one.decider != FIXED and one.result.is_certain]
     if not stops:
         return []
-    known, objects = np.array([(one.result.is_right, one.object_index) for one in stops]).T
-    share = accuracy_of_objects(known, objects, np.random.default_rng(0))
-    stated, (_, low, high) = float(np.mean([one.result.stated for one in stops])), share
-    word, more = "agree with what is right", ""
-    if stated < low:
-        word = "are lower than what is right"
-    elif stated > high or low < stated - _WIDE:
+    known, objects, said = np.array([(one.result.is_right, one.object_index, one.result.stated) for one in stops]).T
+    (right, low, high), stated = accuracy_of_objects(known, objects, np.random.default_rng(0)), float(said.mean())
+    word = "are lower than what is right" if stated < low else "agree with what is right"
+    if is_weak := stated > min(high, low + _WIDE):
         word = "are too high here" if stated > high else "cannot be judged by so few objects"
-        more = "; record more sessions or objects"
     of = " of random order and information gain" * any(one.decider == GAIN for one in named)
     return [
         f"Stated probabilities {word}: {len(stops)} stops{of} at {len(np.unique(objects))} objects state {stated:.3f} "
-        f"and are right in {interval(*share)}{more}."
+        f"and are right in {interval(right, low, high)}{'; record more sessions or objects' * is_weak}."
     ]
 
 

@@ -45,10 +45,11 @@ def test_a_prior_counts_and_actions_have_names(task):
     assert case.ask() == "blood"
 
 
-def test_what_cannot_be_carried_out_is_not_asked_again(task):
+@pytest.mark.parametrize("nothing", [None, np.nan, np.float64("nan")])
+def test_what_cannot_be_carried_out_is_not_asked_again(task, nothing):
     case = task.start()
     assert case.ask() == "blood"
-    case.tell(None)
+    case.tell(nothing)
     assert case.ask() == "skin"
     case.tell(0)
     assert (case.ask(), case.taken, case.cost) == ("eyes", (2,), 1.0)
@@ -233,9 +234,13 @@ def test_the_report_is_a_table_of_what_was_stated_right_taken_and_spent(task):
     ("arguments", "message"),
     [
         ({"costs": [1.0]}, "actions need as many"),
-        ({"costs": [1.0, -1.0, 1.0]}, "costs > 0"),
+        ({"costs": [1.0, -1.0, 1.0]}, "costs > 0: '1' costs -1"),
+        ({"costs": [0.0, 1.0, np.inf]}, "costs > 0: '0' costs 0, '2' costs inf; give what is free a small cost"),
         ({"prior": [1.0]}, "classes need"),
         ({"stop": 0.0}, "stop must be"),
+        ({"stop": 90}, r"infinite for never, got 90 \(0.9\?\)"),
+        ({"probs": 100.0 * TESTS}, r"probs\[action 0, class '0'\] is no .*: \[90.0, 10.0\]; divide percentages by 100"),
+        ({"probs": np.stack([TESTS, 0.5 * TESTS], axis=2)}, r"probs\[action 0, class '0', context 1\] is .* 0.05\]$"),
         ({"depth": 3}, "depth must be"),
         ({"actions": ("a", "a", "b")}, "actions"),
         ({"weights": np.ones((2, 1)) * 0.5}, "weights must"),
@@ -243,7 +248,7 @@ def test_the_report_is_a_table_of_what_was_stated_right_taken_and_spent(task):
 )
 def test_arguments_that_do_not_fit_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        ActiveClassification.from_probs(TESTS, **arguments)
+        ActiveClassification.from_probs(**{"probs": TESTS, **arguments})
 
 
 def test_cases_that_do_not_fit_are_refused(task):
@@ -281,8 +286,21 @@ def test_a_case_prints_its_classes_and_its_cost(task):
 
 def test_a_table_as_of_a_spreadsheet_names_the_cell_that_is_no_number():
     assert OutcomeCode.of([[0.0], [1.0]]).outcomes([[1], [None], [np.float32(0.0)]]).tolist() == [[1], [-1], [0]]
-    for cells in ([[1.0, 2.0], [1.5, ""]], np.array([[1.0, 2.0], [1.5, "x"]], object)):
-        with pytest.raises(ValueError, match=r"cases must be numbers, row \d, column \d .* missing values are NaN"):
-            OutcomeCode.of(cells)
-    with pytest.raises(ValueError, match=r"row 1, column 1 \(from 0\) is 'x'"):
-        OutcomeCode.of(cells)
+    for cell in ("", "x", "1.5"):
+        for cells in ([[1.0, 2.0], [1.5, cell]], np.array([[None, 2.0], [1.5, cell]], object)):
+            with pytest.raises(
+                ValueError, match=f"row 1, column 1 of cases is '{cell}', no number; missing values are"
+            ):
+                OutcomeCode.of(cells)
+    with pytest.raises(ValueError, match="row 0, column 0 of cases is '1'"):
+        OutcomeCode.of(np.array([["1", "2"]]))
+
+
+def test_classes_that_differ_in_spaces_and_actions_without_a_value_are_warned_of():
+    rows, y = drawn(np.random.default_rng(0), 60)
+    table = np.where([True, False, True], rows, np.nan)
+    with pytest.warns(UserWarning, match="no case has a value of eyes: leave out"):
+        task = ActiveClassification.from_cases(table, y, ("blood", "eyes", "skin"), num_contexts=1)
+    assert task.start().ask() in ("blood", "skin")
+    with pytest.warns(UserWarning, match="the classes 'Flu ' and 'flu' differ in spaces or case only"):
+        ActiveClassification.from_cases(rows, np.array(["Flu ", "flu"])[y], num_contexts=1)
