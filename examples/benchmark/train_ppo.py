@@ -1,6 +1,6 @@
 """PPO of Stable-Baselines3 for `activetouch benchmark`: one policy for all targets, from touches of a sensor's model.
 
-python train_ppo.py               (writes ppo-coarse.zip; 120 000 steps, four to five minutes of processor time; the extra rl)
+python train_ppo.py     (writes ppo-coarse.zip; 120 000 steps, 4 to 5 minutes of processor time; the extra rl)
 activetouch benchmark --task coarse-v1 --agent sb3:ppo-coarse.zip --out ppo.jsonl.gz
 """
 
