@@ -31,10 +31,8 @@ def help_of(kind: type, name: str, **known: Any) -> str:
     return "\n".join(lines)
 
 
-_ALIKE = (
-    *({"--scene", "--sensor"}, {"--objects", "--num-objects"}, {"--episodes", "--searches"}, {"--target", "--targets"}),
-    {"--agent", "--deciders"},
-)
+_SYNONYMS = "scene/sensor objects/num-objects episodes/searches target/targets agent/deciders"  # of options
+_ALIKE = [{f"--{name}" for name in names.split("/")} for names in _SYNONYMS.split()]
 
 
 def hints(command: str, words: Sequence[str], commands: Mapping[str, type]) -> list[str]:
@@ -43,9 +41,8 @@ def hints(command: str, words: Sequence[str], commands: Mapping[str, type]) -> l
     options = {name: {*_parser(kind, name)._option_string_actions} for name, kind in commands.items()}
     lines = []
     for option in (option for option in given if option not in options[command]):
-        alike = [name for names in _ALIKE if option in names for name in sorted(names & options[command])]
         others = [name for name, has in options.items() if option in has]
-        if alike:
+        if alike := [name for names in _ALIKE if option in names for name in names & options[command]]:
             lines.append(f"{command} takes {alike[0]} in place of {option}")
         elif others:
             lines.append(f"{option} is an option of {', '.join(others)}, not of {command}")

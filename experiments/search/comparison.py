@@ -318,8 +318,7 @@ def prepared(
         with ForeignCode(f"in the first decision of {name}, target {target}"):
             knows_target = prepare(searches, decider, problem.shape_labels.index(target))
         if not knows_target and target == chosen[0] and len(chosen) > 1:
-            said = f"{name} sees no target: it plays all {len(chosen)} targets alike"
-            print(f"warning: {said}", file=sys.stderr)
+            print(f"warning: {name} sees no target: it plays all {len(chosen)} targets alike", file=sys.stderr)
     if setting.abstain is not None:
         from planners.abstaining import Abstaining
 

@@ -249,16 +249,13 @@ class FullInformation:
 
 
 def prepare(searches: Searches, decider: Decider, target: int) -> bool:
-    """Let a decider with a method ``prepare`` load what it needs, or raise what keeps it from playing.
-
-    Whether it can know the target: only those with a method ``knows_target`` may not.
-    """
+    """Let a decider with a method ``prepare`` load what it needs, or raise why it cannot play; False if blind."""
     player = getattr(decider, "decider", decider)
     if callable(ready := getattr(player, "prepare", None)):
         problem = searches.problem.seeking(target)
         info = InformationState.of(problem, target, SceneBelief(problem, searches.sensor.model), 0)
         ready(info)
-        return bool(player.knows_target(info)) if hasattr(player, "knows_target") else True
+        return not hasattr(player, "knows_target") or bool(player.knows_target(info))
     return True
 
 

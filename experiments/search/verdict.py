@@ -189,7 +189,10 @@ def why_failed(episode: Episode) -> Failure:
         is_probable, is_possible = prob >= _PROBABLE, prob >= _POSSIBLE
         if isinstance(action, Reject) and here:
             if not touches:
-                return Failure("passed the target over without touching it", prob, touches)
+                scores = step.decision.scores
+                planned = scores.get("value", math.inf) <= scores.get("value_reject", -math.inf)
+                why = ", as its plan expects a touch to cost more than it tells" * planned
+                return Failure(f"passed the target over without touching it{why}", prob, touches)
             if is_probable:
                 return Failure("gave the target up although all touches together make it probable", prob, touches)
             if is_possible:

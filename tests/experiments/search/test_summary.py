@@ -187,6 +187,14 @@ def test_a_failure_has_the_reason_of_its_first_wrong_step(failed, words):
     assert words in why_failed(failed).words
 
 
+@pytest.mark.parametrize(("value", "is_planned"), [(0.5, True), (0.6, False)])
+def test_a_plan_without_touches_says_what_it_expects(value, is_planned):
+    failed = search("rtc")
+    planned = Decision(Reject(), {"value": value, "value_reject": 0.5})
+    words = why_failed(replace(failed, steps=(replace(failed.steps[0], decision=planned), *failed.steps[1:]))).words
+    assert words.endswith("without touching it, as its plan expects a touch to cost more than it tells") is is_planned
+
+
 def test_reasons_are_counted_the_most_frequent_first():
     some = [search("trc", claim=0.3)] * 2 + [search("ttrc", claim=0.01)] * 3 + [search("tc")] * 4
     assert failure_sentence("mine", some) == (
