@@ -224,6 +224,11 @@ def on_post_page(output: str, page: Any, config: Any) -> str:
     return _SECTION.sub(r'\1 aria-label="\3"\2\3', _EMPTY_HEAD.sub(r"<td\1></td>", output))
 
 
+def on_post_template(output: str, template_name: str, config: Any) -> str:
+    """The same for pages that no file is behind, such as 404.html."""
+    return on_post_page(output, None, config) if template_name.endswith(".html") else output
+
+
 def narrow(block: str) -> str:
     """A block of shell commands with comments above lines that are too long for the page with them."""
     if not block.startswith(("```sh", "```bash")):
