@@ -20,7 +20,7 @@ from belief.errors import InvalidArgument
 from belief.frozen import frozen
 from belief.observation_model.model import ArrayModel, Reads
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.outcome_table import OutcomeTable, merged
+from belief.observation_model.outcome_table import OutcomeTable, merged, require_distributions
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised
@@ -73,13 +73,10 @@ class ContextModel(ArrayModel):
             raise ValueError(
                 f"probs of {number} classes must be (P, {number}, H, M) with no axis empty, got {probs.shape}"
             )
-        with np.errstate(over="ignore", invalid="ignore"):
-            totals = probs.sum(axis=3)
-        wrong = np.argwhere(~((probs >= 0.0).all(axis=3) & (np.abs(totals - 1.0) <= SUM_TOLERANCE)))
-        for action, k, h in wrong[:1].tolist():
-            place = f"action {action}, class {self.shape_labels[k]!r}" + f", context {h}" * (probs.shape[2] > 1)
-            hint = "; divide percentages by 100" * bool(abs(totals[action, k, h] / 100.0 - 1.0) <= SUM_TOLERANCE)
-            raise ValueError(f"probs[{place}] is no distribution over outcomes: {probs[action, k, h].tolist()}{hint}")
+        has_contexts = probs.shape[2] > 1
+        require_distributions(
+            probs, lambda a, k, h: f"action {a}, class {self.shape_labels[k]!r}" + f", context {h}" * has_contexts
+        )
         equal = np.full(probs.shape[1:3], 1.0 / probs.shape[2])
         weights = equal if self.weights is None else np.array(as_real(self.weights, "weights"), np.float64)
         if weights.shape != probs.shape[1:3] or not (weights.min() >= 0.0 and _sum_to_one(weights)):

@@ -7,6 +7,7 @@ objective is the mutual information of touch and shape that is lost (Dhillon, Ma
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 from belief.bayes import expected_information_gain
 from belief.frozen import FrozenArrays
 from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised
+
+
+def require_distributions(probs: Floats, place: Callable[..., str]) -> None:
+    """Check that the last axis of probs sums to one; ``place`` has words for the other indices of what does not."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        totals = probs.sum(axis=-1)
+    wrong = np.argwhere(~((probs >= 0.0).all(axis=-1) & (np.abs(totals - 1.0) <= SUM_TOLERANCE)))
+    for index in wrong[:1].tolist():
+        hint = "; divide percentages by 100" * bool(abs(totals[*index] / 100.0 - 1.0) <= SUM_TOLERANCE)
+        raise ValueError(f"probs[{place(*index)}] is no distribution over outcomes: {probs[*index].tolist()}{hint}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +52,7 @@ class OutcomeTable(FrozenArrays):
         probs = np.array(as_real(self.probs, "probs"), np.float64)
         if probs.ndim != 3 or probs.size == 0:
             raise ValueError(f"probs must be (P, K, M) with no axis empty, got shape {probs.shape}")
-        with np.errstate(over="ignore", invalid="ignore"):
-            bad = ~((probs >= 0.0).all(axis=2) & (np.abs(probs.sum(axis=2) - 1.0) <= SUM_TOLERANCE))
-        if bad.any():
-            pose, shape = (int(i) for i in np.argwhere(bad)[0])
-            raise ValueError(
-                f"probs[pose {pose}, shape {shape}] is no distribution over outcomes: {probs[pose, shape].tolist()}"
-            )
+        require_distributions(probs, lambda pose, shape: f"pose {pose}, shape {shape}")
         probs = renormalised(probs)
         probs.flags.writeable = False  # already a copy
         object.__setattr__(self, "probs", probs)

@@ -43,13 +43,13 @@ sys.addaudithook(watch)
 class Dask:
     """A scheduler and workers in processes of their own; workers note the files and folders that they write."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, port=0, workers=2):
         self.folder, self.written = folder, folder / "written"
         (folder / "watch.py").write_text(WATCH.format(log=str(self.written)))
         file, watch = folder / "scheduler.json", folder / "watch.py"
-        self.scheduler = self._start("scheduler", "--host", "tcp://127.0.0.1:0", "--scheduler-file", file)
+        self.scheduler = self._start("scheduler", "--host", f"tcp://127.0.0.1:{port}", "--scheduler-file", file)
         alone = ("--nthreads", 1, "--no-nanny", "--preload", watch, "--local-directory", folder)
-        self.workers = [self._start("worker", "--scheduler-file", file, *alone) for _ in range(2)]
+        self.workers = [self._start("worker", "--scheduler-file", file, *alone) for _ in range(workers)]
 
     def _start(self, what, *options):
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *map(str, options)]
@@ -68,8 +68,8 @@ class Dask:
 
 
 @contextmanager
-def dask(folder):
-    running = Dask(folder)
+def dask(folder, **options):
+    running = Dask(folder, **options)
     try:
         yield running
     finally:
@@ -207,5 +207,6 @@ def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, wh
     assert str(lost.value).endswith("the same command goes on")
     kept = contents(tmp_path / "run" / "cells")
     assert 1 <= b"".join(kept.values()).count(b"\n") < 4
-    assert played(tmp_path / "run") == whole
+    with dask(tmp_path, port=address.rpartition(":")[2], workers=1), on_cluster(address):
+        assert played(tmp_path / "run") == whole
     assert all((tmp_path / "run" / "cells" / name).read_bytes().startswith(lines) for name, lines in kept.items())
