@@ -61,6 +61,7 @@ $(VENV)/bin/python:
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || \
 		{ echo "Python 3.11 or newer is needed; say which: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check $(PIP_ARGS) --upgrade "pip>=25.1"
 
 $(VENV)/ready: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(INSTALL) . --no-compile
