@@ -17,6 +17,7 @@ SHORTER = {  # what takes long is smaller here, by parts of the code; `make nigh
     "docs/adaptive_test.md 1": {"num_cases=100": "num_cases=4", "size=150": "size=4", "(150, 80)": "(4, 80)"},
     "docs/digits.md 1": {"order[1300:1500]": "order[1300:1310]"},
     "docs/find.md 1": {"directions=12": "directions=4", "num_objects=3": "num_objects=1", "searches=2": "searches=1"},
+    "docs/find.md 2": {"ViewPlan(12, 4)": "ViewPlan(4, 4)", "episodes=2": "episodes=1"},
     "docs/extending.md 3": {"* 10_000": "* 500", "episodes=2": "episodes=1"},
     "docs/extending.md 4": {'"point_based": "point_based"': '"point_based": "threshold"', "episodes=2": "episodes=1"},
     "docs/start.md 1": {"episodes=5": "episodes=1"},
