@@ -19,9 +19,6 @@ gc.set_threshold(50_000, 20, 20)  # a search for cycles among all that tests imp
 NEED = {"planners/pomdp_py_adapter.py": "pomdp_py", "belief/estimators.py": "sklearn"}
 collect_ignore = [path for path, module in NEED.items() if find_spec(module) is None]
 
-if find_spec("ap_gym") is None:
-    collect_ignore.append("activetouch/envs/apgym.py")  # it has no examples, and is not imported without ap_gym
-
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file(file_path: Path) -> Iterator[None]:
