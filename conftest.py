@@ -3,7 +3,6 @@
 import gc
 import os
 import sys
-import time
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,26 +18,6 @@ sys.dont_write_bytecode = False
 gc.set_threshold(50_000, 20, 20)  # a search for cycles among all that tests import takes long, and finds little
 NEED = {"planners/pomdp_py_adapter.py": "pomdp_py", "belief/estimators.py": "sklearn"}
 collect_ignore = [path for path, module in NEED.items() if find_spec(module) is None]
-# In a fresh clone, the first of several processes compiles what tests import, and the others wait for that.
-IS_COMPILED = any((Path(__file__).parent / "tests" / "__pycache__").glob("test_*.pyc"))
-_SECONDS = 120.0  # it takes at most
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_collection(session: pytest.Session) -> Iterator[None]:
-    """Each process would compile all of it: 10 seconds of a processor."""
-    worker = getattr(session.config, "workerinput", None)
-    if worker is None or IS_COMPILED:
-        return (yield)
-    is_done, deadline = Path(session.config.option.basetemp).parent / "compiled", time.monotonic() + _SECONDS
-    if worker["workerid"] == "gw0":
-        try:
-            return (yield)
-        finally:
-            is_done.touch()
-    while not is_done.exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
