@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.pad_file import PadDescription, pad_from
 from activetouch.pressing.contact import Quasistatic
@@ -54,6 +55,37 @@ def from_state(pad: PadDescription, state: Any) -> dict[str, Any]:
     found = {name: getattr(state, name) for name in ("law", "threshold", "crosstalk", "gain")}
     blur = state.blur * np.float32(2 * pad.taxels.half_width / pad.taxels.pitch)
     return found | {"blur": blur, "noise": state.noise * np.float32(largest_noise(pad))}
+
+
+def numbers_of(pad: PadDescription) -> NDArray[np.float32]:
+    """What a network is told about a pad beside where its taxels are, ``(9,)``: lengths and forces are logarithms."""
+    edge, (least, most) = 2 * pad.taxels.half_width, pad.force
+    logs = [
+        edge / 0.024,
+        pad.taxels.pitch / 0.003,
+        np.sqrt(pad.taxels.area) / 0.003,
+        least / 2.0,
+        most / 2.0,
+        pad.max_depth / 0.003,
+        1.0 if pad.is_relative else pad.full_scale / 1e5,
+    ]
+    return np.array([*np.log2(logs) / 2, 8.0 * pad.offset / edge, pad.is_relative], np.float32)
+
+
+def code(pad: PadDescription, states: Any) -> NDArray[np.float32]:
+    """States of a pad as the network of contacts reads them, ``(n, 16)``: the response in units of any pad, the pad."""
+    felt, stiffness = from_state(pad, states), states.stiffness * np.float32(pad.pad.stiffness / 1e8)
+    response = [
+        np.log2(stiffness) / 2,
+        2 * np.log2(felt["law"]),
+        8 * felt["threshold"],
+        2 * felt["blur"],
+        8 * felt["crosstalk"],
+        np.zeros_like(stiffness) if pad.is_relative else np.log2(felt["gain"]),
+        40 * felt["noise"],
+    ]
+    whole = np.tile(numbers_of(pad), (len(stiffness), 1))
+    return np.concatenate([np.stack(response, axis=1), whole], axis=1).astype(np.float32)
 
 
 def limits_of(pad: PadDescription) -> dict[str, tuple[float, float]]:
