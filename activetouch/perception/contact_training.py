@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 from torch.utils.data import DataLoader
 
@@ -70,6 +71,11 @@ class ContactRecipe:
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         if imaging.described is not None:  # its image network is a ConvNeXt of these widths
             few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "groups": 16, "touches": 16, "others": 32}
+            first = (
+                {"steps": 10_000},
+                {"steps": 1500, "learning_rate": 5e-4, "warmup": 100},
+            )  # of any pad, and from there
+            few |= first[not changes.get("any_pad")]
         return cls(**few | changes)
 
     def network(self, imaging: Imaging) -> ContactReader:
@@ -85,14 +91,25 @@ class ContactRecipe:
 
 
 class ContactTrainer:
-    """A training that resumes from its folder; ``workers`` processes make the batches, or this one on ``device``."""
+    """A training that resumes from its folder; ``workers`` processes make the batches, or this one on ``device``.
+
+    Its network begins with the weights of a reader, ``start``, of the same recipe; by default with random ones.
+    """
 
     def __init__(
-        self, imaging: Imaging, recipe: ContactRecipe, folder: Path, device: str = "cpu", workers: int = 1
+        self,
+        imaging: Imaging,
+        recipe: ContactRecipe,
+        folder: Path,
+        device: str = "cpu",
+        workers: int = 1,
+        start: TactileReader | None = None,
     ) -> None:
         self.imaging, self.recipe, self.folder, self.device = imaging, recipe, folder, device
         torch.manual_seed(recipe.seed)
         network = recipe.network(imaging)
+        if start is not None:
+            network.load_state_dict(weights_of(start))
         self.network = network.to(device)
         self._learner = Learner(network, weight_decay=1e-3)
         folder.mkdir(parents=True, exist_ok=True)
@@ -158,6 +175,18 @@ class ContactTrainer:
             )
         self.step = int(fields["step"])
         self._learner.restore({name: torch.from_numpy(array) for name, array in arrays.items()}, self.step)
+
+
+def weights_of(reader: TactileReader) -> dict[str, torch.Tensor]:
+    """The weights of the two networks in the file of a reader, in single precision, by their names in training."""
+    assert isinstance(reader.hypotheses, ContactHypotheses), "it reads any object"
+    found = {}
+    for graph in (reader.network, reader.hypotheses.network):
+        for tensor in onnx.load_from_string(graph).graph.initializer:
+            if tensor.name.startswith("network."):
+                name = tensor.name.removeprefix("network.").removesuffix(".half")
+                found[name] = torch.from_numpy(onnx.numpy_helper.to_array(tensor).astype(np.float32))
+    return found
 
 
 def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str) -> TactileReader:

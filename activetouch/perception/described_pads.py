@@ -12,12 +12,27 @@ from numpy.typing import NDArray
 
 from activetouch.pad_file import PadDescription, pad_from
 from activetouch.pressing.contact import Quasistatic
-from activetouch.rendering.response import TaxelRenderer, TaxelResponse
+from activetouch.pressing.taxels import Taxels
+from activetouch.rendering.response import Response, TaxelRenderer, TaxelResponse
 from activetouch.scene import Scene
 from activetouch.solids.vectors import Floats
 
 PADS = 23
 """Pads, besides the middle one, that stand for all that a description allows."""
+RANGES = Response.of(
+    {
+        "stiffness": [4e6, 3e9],
+        "law": [0.4, 2.6],
+        "threshold": [0.0, 0.3],
+        "blur": [0.0, 1.0],
+        "crosstalk": [0.0, 0.3],
+        "gain": [0.35, 2.8],
+        "noise": [0.0, 0.05],
+    }
+)
+"""Of the responses that the reader of any pad is trained with."""
+EXAMPLE = PadDescription(Taxels.grid(8, 8, 0.004), RANGES)
+"""The pad that the file of this reader is about."""
 _LEAST_NOISE = 1e-6
 _QUIET = 1 / 16  # least noise, in parts of the largest, of which the network reads the logarithm
 _SLACK = 1e-6
@@ -125,6 +140,17 @@ def has_pad(pad: PadDescription, scene: Scene) -> bool:
         if not low * (1 - _SLACK) - _SLACK <= min(given) <= max(given) <= high * (1 + _SLACK) + _SLACK:
             return False
     return True
+
+
+def responses_beyond(pad: PadDescription) -> str:
+    """In words, what a description allows of the response that the reader was not trained with; empty if nothing."""
+    known = RANGES.ranges()
+    return ", ".join(
+        f"{name} {low:g} to {high:g} (trained: {known[name][0]:g} to {known[name][1]:g})"
+        for name, (low, high) in pad.response.ranges().items()
+        if not known[name][0] * (1 - 1e-9) <= low <= high <= known[name][1] * (1 + 1e-9)
+        and not (name == "gain" and pad.is_relative)
+    )
 
 
 def is_known(pad: PadDescription) -> bool:

@@ -147,7 +147,11 @@ class Imaging:
     def __post_init__(self) -> None:
         check(self)
         does_divide = 0 in (self.taxels % self.pixels, self.pixels % self.taxels) and self.samples % self.pixels == 0
-        if not ((does_divide or self.described is not None) and self.force[1] > 0.0 and {2} == set(map(len, (self.force, self.sizes, self.displaced)))):
+        if not (
+            (does_divide or self.described is not None)
+            and self.force[1] > 0.0
+            and {2} == set(map(len, (self.force, self.sizes, self.displaced)))
+        ):
             raise ValueError(f"numbers out of range, or taxels, pixels and samples that do not divide: {self}")
         if self.dead is not None and self.dead.shape != (self.taxels, self.taxels):
             raise ValueError(f"dead must have the shape {(self.taxels, self.taxels)}, got {self.dead.shape}")

@@ -46,8 +46,9 @@ class ContactReader(nn.Module):
         self.contacts = _convolutions(3 if layout else 2, widths)
         self.of_image = _Head(pixels**2 if is_small else image_widths[-1] * _CELLS**2, dense, embedding)
         self.of_contact = _Head(widths[-1] * _CELLS**2, dense, embedding)
-        self.of_world = nn.Linear(state_size + 1, dense)
-        nn.init.zeros_(self.of_world.weight)
+        self.of_world, self.of_cell = nn.Linear(state_size, dense), nn.Linear(1, dense, bias=False)
+        for given in (self.of_world, self.of_cell):
+            nn.init.zeros_(given.weight)
         self.embedding, self._scale = embedding, 4 / math.sqrt(embedding)
 
     def f(self, images: Tensor, layout: Tensor | None = None) -> Tensor:
@@ -63,8 +64,8 @@ class ContactReader(nn.Module):
         pixels = images.shape[-1] ** 2
         there = layout[:pixels].view(1, 1, *images.shape[1:]).expand_as(seen)
         seen = torch.cat([seen, there], dim=1).contiguous(memory_format=torch.channels_last)
-        found = self.of_image.first(self.images(seen)) + self.of_layout(layout[pixels:])
-        return found
+        told: Tensor = self.of_layout(layout[None, pixels:])
+        return told + self.of_image.first(self.images(seen))
 
     def embedded(self, first: Tensor) -> Tensor:
         """Embeddings ``(B, D)`` of the output of :meth:`first`."""
@@ -73,10 +74,10 @@ class ContactReader(nn.Module):
     def h(self, contacts: Tensor, cells: Tensor, codes: Tensor) -> Tensor:
         """Embeddings ``(W, H, D)`` of contacts ``(H, 2, m, m)`` for cells ``(H,)``, in worlds ``(W, STATE_SIZE)``."""
         shown = self.of_contact.first(self.contacts(contacts.contiguous(memory_format=torch.channels_last)))
-        width = torch.log(cells / 0.1)[:, None]
-        state = nn.functional.linear(codes, self.of_world.weight[:, 1:], self.of_world.bias)
-        shown = shown + width * self.of_world.weight[:, 0]
-        return self.of_contact.out(shown + state[:, None]).float()
+        shown = shown + self.of_cell(torch.log(cells / 0.1)[:, None])
+        in_worlds = shown + self.of_world(codes)[:, None]
+        found: Tensor = self.of_contact.out(in_worlds.flatten(0, 1)).float()
+        return found.unflatten(0, in_worlds.shape[:2])
 
 
 class ImageNetwork(nn.Module):
@@ -160,7 +161,8 @@ class _Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         seen = self.norm(self.spatial(x).permute(0, 2, 3, 1))
-        return x + self.narrow(nn.functional.gelu(self.wide(seen))).permute(0, 3, 1, 2)
+        found = self.narrow(nn.functional.gelu(self.wide(seen.flatten(0, 2))))
+        return x + found.view(seen.shape).permute(0, 3, 1, 2)
 
 
 class _Averages(nn.Module):

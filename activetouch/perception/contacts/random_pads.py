@@ -9,30 +9,18 @@ from __future__ import annotations
 import numpy as np
 
 from activetouch.pad_file import PadDescription
+from activetouch.perception.described_pads import RANGES
 from activetouch.pressing.taxels import Taxels
-from activetouch.rendering.response import Response
 from activetouch.solids.vectors import Floats, grid_centres
 from belief.errors import InvalidArgument
 
-RANGES = Response.of(
-    {
-        "stiffness": [4e6, 3e9],
-        "law": [0.4, 2.6],
-        "threshold": [0.0, 0.3],
-        "blur": [0.0, 1.0],
-        "crosstalk": [0.0, 0.3],
-        "gain": [0.35, 2.8],
-        "noise": [0.0, 0.05],
-    }
-)
-"""Of the response; a pad whose ranges go beyond them is read less well."""
 _EDGES, _ACROSS, _FINEST_PITCH = (0.006, 0.064), (2.0, 64.0), 0.0004  # edge of a pad [m], taxels along it, distance [m]
 _LONGEST = 5.0  # ratio of the edges
 _FINEST = 64  # pixels of a raster; finer ones take long to press
 
 
 def random_pad(rng: np.random.Generator) -> PadDescription:
-    """A random pad, with all of :data:`RANGES`."""
+    """A random pad, whose response has all of :data:`activetouch.perception.described_pads.RANGES`."""
     while True:
         try:
             taxels = _layout(rng)

@@ -21,8 +21,8 @@ from torch.utils.data import Dataset
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.device_heights import DeviceBodies
 from activetouch.perception.contacts.images import encoded, images
-from activetouch.perception.described_pads import to_state
 from activetouch.perception.contacts.random_pads import random_pad
+from activetouch.perception.described_pads import to_state
 from activetouch.perception.imaging import BROKEN, Imaging, SensorState, imaging_of_pad, states_with
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
@@ -106,9 +106,10 @@ class Batches(Dataset[Batch]):
             predicted = torch.cat([predicted, maps])
             cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)))
         arrays = cells.astype(np.float32), world, imaging.code(states), np.arange(self.groups).repeat(self.touches)
-        given = [torch.from_numpy(part).to(self.device) for part in arrays]
+        width, own, codes, bodies = (torch.from_numpy(part).to(self.device) for part in arrays)
         layout = None if imaging.layout is None else torch.from_numpy(imaging.layout).to(self.device)
-        return Batch(read, hit, encoded(predicted, imaging.contact_pixels, imaging.face), *given, layout)
+        contacts = encoded(predicted, imaging.contact_pixels, imaging.face)
+        return Batch(read, hit, contacts, width, own, codes, bodies, layout)
 
     def _maps(self, chosen: NDArray[np.int64], turns: Floats, sizes: Floats, places: Floats, window: Window) -> Tensor:
         """Height maps over a window, body after body."""
