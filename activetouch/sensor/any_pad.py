@@ -21,7 +21,7 @@ from activetouch.perception.reader import TactileReader
 from activetouch.scene_description import scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, PAD_FILE
 
-READER = MODELS / "any-pad" / ANY_OBJECT_FILE
+READER = MODELS / "any_pad.safetensors"
 """The shipped reader."""
 
 
