@@ -71,11 +71,8 @@ class ContactRecipe:
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         if imaging.described is not None:  # its image network is a ConvNeXt of these widths
             few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "groups": 16, "touches": 16, "others": 32}
-            first = (
-                {"steps": 10_000},
-                {"steps": 1500, "learning_rate": 5e-4, "warmup": 100},
-            )  # of any pad, and from there
-            few |= first[not changes.get("any_pad")]
+            further = {"steps": 1500, "learning_rate": 5e-4, "warmup": 100}  # from the reader of any pad to one
+            few |= {"steps": 13_000} if changes.get("any_pad") else further
         return cls(**few | changes)
 
     def network(self, imaging: Imaging) -> ContactReader:

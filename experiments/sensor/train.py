@@ -99,7 +99,7 @@ class Train:
     recipe: Literal["contacts", "pads", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
-    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of any pad 10000, from there to
+    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of any pad 13000, from there to
     one described pad 1500."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where a reader of any object is trained."""
