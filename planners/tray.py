@@ -6,6 +6,7 @@ A decider sees a :class:`belief.tray.TrayBelief` and where the pad is, and answe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -92,20 +93,20 @@ class Standing(NamedTuple):
         return self.places[0][1] if self.places else 0.0
 
 
-def stop(standing: Standing, num_touches: int, rules: TrayRules) -> TrayDecision | None:
+def stop(standing: Standing, num_touches: int, rules: TrayRules) -> ConfirmAt | Reject | Unsure | None:
     """The answer, if one is probable enough; None as long as none is."""
     if standing.target >= rules.sure:
-        return TrayDecision(ConfirmAt(standing.places[0][0]), {"stated": standing.target})
+        return ConfirmAt(standing.places[0][0])
     if standing.absent >= rules.sure:
-        return TrayDecision(Reject(), {"stated": standing.absent})
-    if num_touches >= rules.most_touches:
-        return TrayDecision(Unsure(), {"stated": stated(standing)})
-    return None
+        return Reject()
+    return Unsure() if num_touches >= rules.most_touches else None
 
 
-def stated(standing: Standing) -> float:
-    """Probability of the likeliest answer."""
-    return max(standing.target, standing.absent)
+def stated(standing: Standing, action: ConfirmAt | Reject | Unsure) -> float:
+    """Probability of an answer; of the likeliest one for Unsure."""
+    if isinstance(action, ConfirmAt):
+        return sum(prob for at, prob in standing.places if math.dist(at, action.place) < SAME_PLACE)
+    return standing.absent if isinstance(action, Reject) else max(standing.target, standing.absent)
 
 
 def standing_of(belief: TrayBelief) -> Standing:
@@ -188,7 +189,7 @@ class InformationPerCost:
         index = np.where(allowed, gains / cost, -1.0)
         best = int(index.argmax())
         if gains[allowed].max() < self.rules.least_gain:
-            return TrayDecision(Unsure(), {"stated": stated(standing_of(belief))})
+            return TrayDecision(Unsure())
         return TrayDecision(_press(np.array(np.unravel_index(best, index.shape))), {"gain": float(gains.ravel()[best])})
 
     def _in(self, belief: TrayBelief, world: World, rng: np.random.Generator) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -9,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.errors import WrongScene
 from activetouch.named_scenes import SCENES
@@ -21,6 +23,7 @@ from activetouch.perception.reader import TactileReader
 from activetouch.pressing.contact import Quasistatic
 from activetouch.scene import Scene
 from activetouch.scene_description import described
+from activetouch.sensor.session_reader import checked_image
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.solid import Shape
 from activetouch.tray.contacts import place_table
@@ -37,7 +40,7 @@ from planners.tray import (
     TrayDecider,
     TrayRules,
 )
-from planners.tray_session import TrayEpisode, TraySession, ended, is_right, search_tray
+from planners.tray_session import TrayEpisode, TraySession, search_tray
 
 DECIDERS: Mapping[str, Callable[[TrayRules, PlaceOutcomes], TrayDecider]] = {
     "information_per_cost": InformationPerCost,
@@ -142,13 +145,18 @@ class TraySensor:
         with announced("preparing the tray: up to two minutes the first time, then kept in the cache"):
             return place_table(self._contacts, self.scene)
 
-    @cached_property
-    def outcomes(self) -> PlaceOutcomes:
-        """Touches that stand for all; made at first use, and kept in the cache."""
+    @property
+    def _read_with(self) -> dict[str, Any]:
+        """What determines the contacts of the table, as JSON types."""
         reader = self._contacts
         code = reader.imaging.code(sensor_state(reader.imaging, self.scene))
         bodies = {label: described(solid) for label, solid in self.scene.solids.items()}
-        key = {"reader": reader.digest, "code": code.round(6).tolist(), "outcomes": _REFERENCES, "bodies": bodies}
+        return {"reader": reader.digest, "code": code.round(6).tolist(), "bodies": bodies}
+
+    @cached_property
+    def outcomes(self) -> PlaceOutcomes:
+        """Touches that stand for all; made at first use, and kept in the cache."""
+        key = {**self._read_with, "outcomes": _REFERENCES}
         return PlaceOutcomes(self.table, cached_array(key, self._references), self.noise.scale)
 
     def _references(self) -> Floats32:
@@ -165,9 +173,13 @@ class TraySensor:
                     break
         return self.reader.run(np.stack(images))[0]
 
-    def read(self, image: NDArray[np.uint8]) -> tuple[Floats32, float | None]:
-        """The embedding of one image ``(D,)``, and its level, where objects of none of the shapes are weighed."""
-        embedding = self.reader.run(np.asarray(image)[None])[0][0]
+    def read(self, image: ArrayLike) -> tuple[Floats32, float | None]:
+        """The embedding of one image ``(D,)``, and its level, where objects of none of the shapes are weighed.
+
+        Raises:
+            InvalidArgument: it is no image of the pad.
+        """
+        embedding = self.reader.run(checked_image(image, self.scene.image_shape)[None])[0][0]
         if not self.tray.unlisted:
             return embedding, None
         return embedding, float(log_normalisers(self._bodies, embedding[None], self.noise.scale)[0])
@@ -209,11 +221,24 @@ class TraySensor:
         index = index_of("target", self.shape_labels, target)
         return Keyed(self.world(index, seed), (*checked_key(seed), index, 2))
 
+    @cached_property
+    def identity(self) -> str:
+        """Digest of everything that determines readings and beliefs."""
+        return hashlib.sha256(json.dumps(self._read_with, sort_keys=True).encode()).hexdigest()
+
     def session(
-        self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
+        self,
+        target: Name,
+        decider: str | TrayDecider = "information_per_cost",
+        seed: int | Sequence[int] = 0,
+        *,
+        log: str | Path | None = None,
     ) -> TraySession:
-        """A search in a tray whose presses somebody else makes, such as a robot."""
-        return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self.read)
+        """A search in a tray whose presses somebody else makes, such as a robot.
+
+        With a ``log``, all that is told is on disk before the next question; if the file exists, its search goes on.
+        """
+        return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self).begun(log)
 
     def search(
         self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
@@ -225,16 +250,11 @@ class TraySensor:
         key = checked_key(seed)
         index = index_of("target", self.shape_labels, target)
         touched = self.touched(index, key)
-        world = touched.world
-        lay = tuple((world.labels[one.shape], float(one.place[0]), float(one.place[1])) for one in world.objects)
+        world, lay = touched.world, touched.world.lay
         session = self.session(index, decider, (*key, index, 1))
-        decision = search_tray(session, touched, np.random.default_rng(0))
-        answer, place, stated = ended(decision)
-        is_there = any(one.shape == index for one in world.objects)
-        success = is_right(answer, place, world.objects, index)
-        return TrayEpisode(
-            self.shape_labels[index], key, tuple(session.steps), answer, place, stated, is_there, success, lay
-        )  # fmt: skip
+        search_tray(session, touched, np.random.default_rng(0))
+        session.objects = world.lay  # where touches have moved them
+        return replace(session.episode, seed=key, objects=lay)
 
 
 @dataclass(eq=False)

@@ -1,6 +1,7 @@
 """Objects in a tray: how bodies rest, what presses meet, searches that end right, and sessions that robots play."""
 
 import json
+import pickle
 from dataclasses import replace
 
 import gymnasium
@@ -21,6 +22,7 @@ from activetouch.tray.resting import rests
 from activetouch.tray.sensor import DECIDERS, TraySensor
 from activetouch.tray.world import Lying, Tray, TrayWorld
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
+from belief.journal import Journal, read_journal
 from belief.problem import Reject, Unsure
 from belief.tray import PlaceTouch
 from experiments.command_line.arguments import BadArgument
@@ -29,7 +31,8 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.drawer.drawer import Drawer
 from experiments.search.play import Setting
-from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stop
+from planners.session_log import AlreadyTold, OtherModel
+from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stated, stop
 from planners.tray_session import TraySession
 
 _SMALL = Tray(size=(0.13, 0.1), num_objects=1, present=0.6)
@@ -175,14 +178,13 @@ def test_two_objects_are_told_apart(two):
 def test_what_is_stated_ends_a_search():
     rules = TrayRules(sure=0.9, most_touches=5)
     here = Standing([((0.1, 0.2), 0.93)], 0.01, 0.06)
-    decision = stop(here, 3, rules)
-    assert decision is not None
-    assert decision.action == ConfirmAt((0.1, 0.2))
-    absent = stop(Standing([((0.1, 0.2), 0.01)], 0.95, 0.04), 3, rules)
-    assert absent is not None
-    assert isinstance(absent.action, Reject)
+    assert stop(here, 3, rules) == ConfirmAt((0.1, 0.2))
+    assert stop(Standing([((0.1, 0.2), 0.01)], 0.95, 0.04), 3, rules) == Reject()
     assert stop(Standing([], 0.5, 0.5), 4, rules) is None
-    assert stop(Standing([], 0.5, 0.5), 5, rules) is not None
+    assert stop(Standing([], 0.5, 0.5), 5, rules) == Unsure()
+    assert [stated(here, action) for action in (ConfirmAt((0.1, 0.21)), ConfirmAt((0.1, 0.3)), Reject(), Unsure())] == [
+        *(0.93, 0.0, 0.01, 0.93)
+    ]
 
 
 def test_presses_tell_where_a_target_is_that_is_known_to_be_there(sensor):
@@ -192,8 +194,7 @@ def test_presses_tell_where_a_target_is_that_is_known_to_be_there(sensor):
     for x in np.arange(0.02, 0.075, 0.01):
         session.tell(missed=True, place=(float(x), 0.03))
     assert session.standing.unfound == pytest.approx(1.0)
-    decision = session.ask()
-    assert decision.scores["gain"] > 0.1
+    assert session.decision.scores["gain"] > 0.1
     assert session.place()[1] > 0.035
 
 
@@ -215,29 +216,81 @@ def test_presses_tell_which_assignment_of_touches_is_true(sensor):
     decided = replace(session.belief, worlds=(sure,))
     gave_up = sensor.decider().choose(decided, (0.0, 0.0), np.random.default_rng(0))
     assert gave_up.action == Unsure()  # no press tells more
-    assert gave_up.scores["stated"] == pytest.approx(1.0)
+    assert stated(standing_of(decided), gave_up.action) == pytest.approx(1.0)
 
 
 def test_a_robot_plays_a_session(sensor):
     world = TrayWorld.drawn(sensor.scene, replace(sensor.tray, present=1.0), 1, np.random.default_rng(3))
     session, rng = sensor.session("cube"), np.random.default_rng(4)
-    while isinstance(session.ask().action, Press):
+    while isinstance(session.ask(), Press):
         assert session.ask() is session.ask()
         met = world.press(*session.place(), rng)
         if met.image is None:
             session.tell(missed=True)
         else:
             session.tell(met.image, met.height)
-    action = session.ask().action
+    action = session.ask()
     assert isinstance(action, ConfirmAt)
     assert np.hypot(*(world.objects[0].place[:2] - action.place)) < 0.008
     with pytest.raises(InvalidArgument, match="has ended"):
         session.place()
     before, number = session.standing, len(session.steps)
-    session.undo()
-    assert len(session.steps) == number - 1
-    assert isinstance(session.ask().action, Press)
     assert before.target >= 0.95
+    with pytest.raises(InvalidArgument, match="has not ended"):
+        session.episode  # noqa: B018
+    session.tell()
+    assert (session.ask(), session.outcome, session.episode.success) == (None, "confirmed", None)
+    with pytest.raises(InvalidArgument, match="has ended"):
+        session.tell(missed=True, place=(0.05, 0.05))
+    session.reveal([(label, x, y) for label, x, y in world.lay])
+    assert session.episode.success
+    assert session.episode.is_there
+    assert (session.undo(), session.ask()) == ("done", action)
+    assert session.undo() == "touch"
+    assert len(session.steps) == number - 1
+    assert isinstance(session.ask(), Press)
+
+
+@pytest.mark.parametrize("decider", ["information_per_cost", "random"])
+def test_a_session_that_is_killed_at_every_step_is_the_search(two, decider, tmp_path):
+    """Beliefs, decisions and their chance are those of the search, whatever was taken back in between."""
+    expected = two.search("cube", decider, seed=5)
+    keyed, log, begun = two.touched("cube", 5), tmp_path / "log.jsonl", (5, 1, 1)
+    session, ended = two.session("cube", decider, begun, log=log), False
+    while not ended:
+        action, place = session.ask(), None
+        if isinstance(action, Press):
+            place = session.place()
+            session.tell(missed=True, place=(0.05, 0.05))
+            assert session.undo() == "miss"
+            assert (session.ask(), session.place()) == (action, place)
+            session.tell_met(keyed.press(*place, np.random.default_rng(0)))
+        else:
+            session.tell()
+        with pytest.raises(AlreadyTold):
+            session.tell(missed=True, step=session.step - 1)
+        ended = session.ask() is None
+        if ended:
+            session.reveal(keyed.world.lay)
+        session.close()
+        session = two.session("cube", decider, begun, log=log)
+    assert replace(session.episode, seed=expected.seed) == expected
+    session.close()
+    twin = pickle.loads(pickle.dumps(session))
+    assert twin.standing == session.standing
+    for other, message in (
+        ({"seed": 6}, "another search: its seed"),
+        ({"decider": "raster"}, "another decider"),
+    ):
+        with pytest.raises(InvalidArgument, match=message):
+            two.session("cube", **{"decider": decider, "seed": begun, **other}, log=log)
+    three = {name: SHAPES[name] for name in ("sphere", "cube", "half_sphere")}
+    with pytest.raises(OtherModel, match="another reader"):
+        replace(two, scene=replace(two.scene, shapes=three)).session("cube", decider, begun, log=log)
+    header, line = read_journal(log)[:2]
+    Journal.create(tmp_path / "odd", [header, {**line, "told": "done"}]).close()
+    with pytest.raises(CorruptFile, match="no log of a session"):
+        two.session("cube", decider, begun, log=tmp_path / "odd")
 
 
 def test_a_session_refuses_what_makes_no_sense(sensor):
