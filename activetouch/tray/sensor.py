@@ -30,6 +30,7 @@ from activetouch.tray.contacts import place_table
 from activetouch.tray.world import Tray, TrayWorld
 from belief.errors import UnknownName
 from belief.naming import Name, index_of
+from belief.references import build, find
 from belief.seeding import checked_key
 from belief.tray import PlaceTable, TouchNoise, TrayBelief
 from planners.tray import (
@@ -42,10 +43,10 @@ from planners.tray import (
 )
 from planners.tray_session import TrayEpisode, TraySession, search_tray
 
-DECIDERS: Mapping[str, Callable[[TrayRules, PlaceOutcomes], TrayDecider]] = {
+DECIDERS: Mapping[str, Callable[..., TrayDecider]] = {
     "information_per_cost": InformationPerCost,
     "raster": RasterThenIdentify,
-    "random": lambda rules, outcomes: RandomPlaces(),
+    "random": RandomPlaces,
 }
 """Deciders of searches in a tray, by name."""
 _REFERENCES = 72  # touches that stand for all
@@ -199,16 +200,18 @@ class TraySensor:
         return TrayBelief(self.table, tray.size, index, *prior, noise, unlisted=tray.unlisted)
 
     def decider(self, decider: str | TrayDecider = "information_per_cost") -> TrayDecider:
-        """One of :data:`DECIDERS` by name, or a decider of one's own.
+        """One of :data:`DECIDERS` by name, ``module:attribute``, either with settings, or a decider of one's own.
 
         Raises:
             UnknownName: there is no decider of this name.
+            BadReference: a setting is unknown, or there is no such object.
         """
         if not isinstance(decider, str):
             return decider
-        if decider not in DECIDERS:
-            raise UnknownName("decider of a tray", decider, list(DECIDERS))
-        return DECIDERS[decider](self.rules, self.outcomes)
+        found, reference = find("decider of a tray", decider, DECIDERS, "activetouch.tray_deciders")
+        offered = {"rules": self.rules, "outcomes": self.outcomes}
+        made: TrayDecider = build(reference.name, found, reference.settings, offered, reference.is_called)
+        return made
 
     def world(self, target: Name, seed: int | Sequence[int] = 0) -> TrayWorld:
         """The tray of the search with this target and seed, as it is before the first touch."""
@@ -236,9 +239,12 @@ class TraySensor:
     ) -> TraySession:
         """A search in a tray whose presses somebody else makes, such as a robot.
 
-        With a ``log``, all that is told is on disk before the next question; if the file exists, its search goes on.
+        It asks for what :meth:`search` with the same seed would do, given the same touches. With a ``log``, all that is
+        told is on disk before the next question; if the file exists, its search goes on.
         """
-        return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self).begun(log)
+        key, belief = checked_key(seed), self.belief(target)
+        key = (*key, belief.target, 1) if len(key) == 1 else key
+        return TraySession(belief, self.decider(decider), self.rules, key, self).begun(log)
 
     def search(
         self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0

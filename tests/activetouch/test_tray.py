@@ -255,7 +255,7 @@ def test_a_robot_plays_a_session(sensor):
 def test_a_session_that_is_killed_at_every_step_is_the_search(two, decider, tmp_path):
     """Beliefs, decisions and their chance are those of the search, whatever was taken back in between."""
     expected = two.search("cube", decider, seed=5)
-    keyed, log, begun = two.touched("cube", 5), tmp_path / "log.jsonl", (5, 1, 1)
+    keyed, log, begun = two.touched("cube", 5), tmp_path / "log.jsonl", 5
     session, ended = two.session("cube", decider, begun, log=log), False
     while not ended:
         action, place = session.ask(), None
