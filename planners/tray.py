@@ -57,7 +57,8 @@ class TrayRules(Checked):
 
     Attributes:
         travel: cost of a metre of travel, in touches.
-        sure: stated probability from which the target is confirmed, or said to be absent.
+        sure: stated probability from which the target is confirmed.
+        sure_absent: that from which it is said to be absent; ``sure`` by default.
         most_touches: after which the answer is "I do not know".
         least_gain: expected information about the answer [nats] below which no press is worth a touch, so that the
             answer is "I do not know"; asked by ``information_per_cost``.
@@ -65,6 +66,7 @@ class TrayRules(Checked):
 
     travel: NotNegative = 20.0
     sure: Share = 0.95
+    sure_absent: Share | None = None
     most_touches: Count = 150
     least_gain: NotNegative = 0.005
 
@@ -97,7 +99,7 @@ def stop(standing: Standing, num_touches: int, rules: TrayRules) -> ConfirmAt | 
     """The answer, if one is probable enough; None as long as none is."""
     if standing.target >= rules.sure:
         return ConfirmAt(standing.places[0][0])
-    if standing.absent >= rules.sure:
+    if standing.absent >= (rules.sure if rules.sure_absent is None else rules.sure_absent):
         return Reject()
     return Unsure() if num_touches >= rules.most_touches else None
 
@@ -274,12 +276,14 @@ class RasterThenIdentify:
     Attributes:
         rules: of the search.
         outcomes: of touches.
+        named: probability of its shape from which an object is named.
         spacing: distance of the rows, and of the presses along them [m].
         most_touches: of one object, after which the raster goes on.
     """
 
     rules: TrayRules
     outcomes: PlaceOutcomes
+    named: float = 0.95
     spacing: float = 0.036
     most_touches: int = 20
 
@@ -287,7 +291,7 @@ class RasterThenIdentify:
         """See :class:`TrayDecider`."""
         for one in belief.worlds[0].found:
             named = float(np.exp(one.evidence.max() - np.logaddexp.reduce(one.evidence)))
-            if named < self.rules.sure and one.touches < self.most_touches:
+            if named < self.named and one.touches < self.most_touches:
                 likeliest = int(one.evidence.argmax())
                 look = InformationPerCost(self.rules, self.outcomes)
                 cells, gain = look.of_found(replace(belief, target=likeliest), one, named, rng)

@@ -15,6 +15,7 @@ from belief.errors import InvalidArgument
 from belief.naming import NONE_OF_THESE, index_of
 from belief.problem import Reject, Unsure
 from belief.search_progress import Outcome
+from belief.statistics.stop_thresholds import CandidateStops
 from belief.tray import PlaceTouch, TrayBelief
 from belief.validation import are_finite
 from planners.session_log import AskAndTell, decider_fields
@@ -43,13 +44,15 @@ _OUTCOMES = {ConfirmAt: Outcome.CONFIRMED, Reject: Outcome.EXHAUSTED, Unsure: Ou
 class TrayStep(NamedTuple):
     """One press of a search: place [m], height of the contact [m], None for a miss, and probabilities after it.
 
-    ``target`` is the largest probability of a found object to be the target, ``absent`` that of its absence.
+    ``target`` is the largest probability of a found object to be the target, ``where`` the place of that object [m],
+    and ``absent`` the probability that the target is absent.
     """
 
     place: tuple[float, float]
     height: float | None
     target: float
     absent: float
+    where: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -329,8 +332,9 @@ class TraySession(AskAndTell[TrayTold]):
         else:
             self.belief = self.belief.update(told.touch)
             self.standing = standing_of(self.belief)
-            height = told.touch.height if told.kind == "touch" else None
-            self._steps.append(TrayStep(told.place, height, self.standing.target, self.standing.absent))
+            height, now = told.touch.height if told.kind == "touch" else None, self.standing
+            where = now.places[0][0] if now.places else None
+            self._steps.append(TrayStep(told.place, height, now.target, now.absent, where))
         self._asked = None
 
     def _fields(self, told: TrayTold) -> dict[str, Any]:
@@ -421,3 +425,22 @@ def ended(action: ConfirmAt | Reject | Unsure) -> tuple[str, tuple[float, float]
     """An answer in words, and its place."""
     words = {ConfirmAt: "here", Reject: "absent", Unsure: "unsure"}
     return words[type(action)], action.place if isinstance(action, ConfirmAt) else None
+
+
+ANSWERS = ("here", "absent")
+"""Answers that a certificate bounds the errors of."""
+SUREST, LEAST = 1.0 - 1e-6, 0.5
+"""Stated probabilities from which no certificate, and any certificate, lets a search end."""
+
+
+def candidate_stops(episodes: Sequence[TrayEpisode]) -> CandidateStops:
+    """All moments at which searches could have ended, by answer, for :func:`certified_thresholds` with ``ANSWERS``."""
+    rows = []
+    for number, one in enumerate(episodes):
+        for step in one.steps:
+            for answer, prob, place in ((0, step.target, step.where), (1, step.absent, None)):
+                if prob >= LEAST:
+                    right = is_right(ANSWERS[answer], place, one.objects, one.target)
+                    rows.append((number, answer, min(prob, 1.0), not right))
+    searches, answers, probs, is_wrong = np.reshape(rows, (-1, 4)).T
+    return CandidateStops(searches, answers, probs, is_wrong, len(episodes))

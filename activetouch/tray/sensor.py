@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,7 @@ from belief.naming import Name, index_of
 from belief.references import build, find
 from belief.seeding import checked_key
 from belief.tray import PlaceTable, TouchNoise, TrayBelief
+from planners.fingerprint import fingerprint
 from planners.tray import (
     InformationPerCost,
     PlaceOutcomes,
@@ -41,7 +42,10 @@ from planners.tray import (
     TrayDecider,
     TrayRules,
 )
-from planners.tray_session import TrayEpisode, TraySession, search_tray
+from planners.tray_session import LEAST, TrayEpisode, TraySession, search_tray
+
+if TYPE_CHECKING:
+    from planners.certified import Certificate
 
 DECIDERS: Mapping[str, Callable[..., TrayDecider]] = {
     "information_per_cost": InformationPerCost,
@@ -228,6 +232,39 @@ class TraySensor:
     def identity(self) -> str:
         """Digest of everything that determines readings and beliefs."""
         return hashlib.sha256(json.dumps(self._read_with, sort_keys=True).encode()).hexdigest()
+
+    def certified_world(self, targets: Sequence[str], decider: str) -> dict[str, Any]:
+        """What a certificate of searches for these targets by this decider holds for, as JSON types."""
+        known = {"rules": self.rules, "outcomes": self.outcomes}
+        world = {
+            "tray": asdict(self.tray) | {"strangers": [described(one) for one in self.strangers]},
+            "rules": [self.rules.travel, self.rules.most_touches, self.rules.least_gain],
+            "targets": [label for label in self.shape_labels if label in targets],
+            "decider": decider,
+            "settings or code of the decider": fingerprint(self.decider(decider), None, known),
+            "sensor (SHA-256)": self.identity,
+        }
+        return dict(json.loads(json.dumps(world)))
+
+    def certified(
+        self,
+        certificate: str | Path | Certificate,
+        decider: str = "information_per_cost",
+        targets: Sequence[str] = (),
+    ) -> TraySensor:
+        """This sensor with the stops of a certificate of a decider, for searches for some of its targets.
+
+        Raises:
+            NotCertified: the certificate was made for something else.
+        """
+        from planners.certified import Certificate, NotCertified
+
+        found = Certificate.opened(certificate)
+        found.require(self.certified_world(found.made_for["targets"], decider))
+        if other := set(targets) - set(found.made_for["targets"]):
+            raise NotCertified(f"the certificate is for other targets than {min(other)}")
+        sure, absent = (max(limit, LEAST) for limit in found.thresholds)
+        return replace(self, rules=replace(self.rules, sure=sure, sure_absent=absent))
 
     def session(
         self,

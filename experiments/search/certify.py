@@ -24,6 +24,7 @@ from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
 from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
+from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, CompositionName, Searches, Setting, play_episodes
 from planners import Decider, Episode
@@ -234,6 +235,8 @@ class Certify:
                 f"at least {least} calibration searches are needed for a risk of {self.risk:g} with confidence "
                 f"{self.confidence:g}, got {self.searches}: play more --searches, or accept more --risk"
             )
+        if named is None and self.setting.choice.scene.partition("(")[0] == "drawer":
+            return self._in_a_tray()
         if self.setting.abstain is not None:
             raise BadArgument("a certificate says itself when a decider is unsure: leave out --abstain")
         run = prepared(
@@ -259,6 +262,43 @@ class Certify:
             made_for=searches.sensor.certified_world(searches.problem, run.targets, self.decider, player, run.known),
             usual=tuple(search.fit for search in played),
         )
+        return self._saved(certificate)
+
+    def _in_a_tray(self) -> Certificate:
+        """The certificate of both answers of searches in a tray, which go on until nothing is left to tell."""
+        from experiments.search.drawer.drawer import drawer  # whose modules no other scene needs
+        from experiments.search.drawer.searches import Searches as TraySearches
+        from planners.tray_session import ANSWERS, SUREST
+        from planners.tray_session import candidate_stops as stops_in_trays
+
+        setting = self.setting
+        if replace(setting, choice=SceneChoice(), sensor=None, num_objects=None) != Setting():
+            raise BadArgument("the scene drawer takes --sensor and --num-objects alone")
+        searches = TraySearches.of(setting.choice, setting.sensor, setting.num_objects)
+        sensor, rules = searches.made(), searches.rules
+        labels = list(self.targets or sensor.shape_labels)
+        found = drawer(
+            [self.decider],
+            sensor=searches.sensor,
+            shapes=searches.shapes,
+            targets=keyed_rng([self.seed + _SEEDS]).choice(labels, self.searches).tolist(),
+            num_searches=self.searches,
+            tray=searches.tray,
+            rules=replace(rules, sure=SUREST, sure_absent=SUREST),
+            seed=self.seed + _SEEDS,
+            jobs=self.jobs,
+        )
+        stops = certified_thresholds(
+            stops_in_trays(found.episodes[self.decider]), self.risk, self.confidence, answers=ANSWERS
+        )
+        if not np.isfinite(stops.thresholds).all():
+            raise TooFewSearches(f"{stops.note} Play more --searches, or accept more --risk")
+        world = sensor.certified_world(labels, self.decider)
+        counts = stops.thresholds, stops.stops, stops.wrong, rules.most_touches
+        about = self.decider, self.risk, self.confidence, self.searches
+        return self._saved(Certificate(*about, *counts, made_for=world, answers=ANSWERS))
+
+    def _saved(self, certificate: Certificate) -> Certificate:
         if self.out is not None:
             certificate.save(self.out)
         return certificate

@@ -398,20 +398,13 @@ class Live:
 
     def _in_a_tray(self, log: Path) -> Conversation:
         """The conversation of a search among objects in a tray, at places that nobody knows."""
-        from activetouch.tray.sensor import TraySensor
-        from experiments.search.drawer.searches import rules_of  # whose modules no other scene needs
+        from experiments.search.drawer.searches import Searches  # whose modules no other scene needs
 
-        choice, usual = self.choice, Live(self.target)
-        plain = replace(self, sensor=None, objects=None, decider=usual.decider, seed=0, log=None)
-        plain = replace(plain, choice=replace(choice, scene=SceneChoice.scene, meshes=(), only=False))
-        if plain != usual or len(choice.meshes) > 1:
-            raise BadArgument(
-                "the scene drawer takes --target, --sensor gel, coarse or hard, --meshes FOLDER, --objects, --decider, "
-                "--seed and --log; its settings are --scene 'drawer(size=(0.4, 0.3), present=0.8)'"
-            )
-        tray, rules = rules_of(choice.scene, self.objects)
-        name, meshes = str(self.sensor or "gel"), choice.meshes[0] if choice.meshes else None
-        sensor = TraySensor.shipped(name, meshes, tray, rules)
+        usual = Live(self.target)
+        plain = replace(self, choice=usual.choice, sensor=None, objects=None, decider=usual.decider, seed=0, log=None)
+        if plain != usual:
+            raise BadArgument("the scene drawer takes --target, --sensor, --objects, --decider, --seed and --log")
+        sensor = Searches.of(self.choice, self.sensor, self.objects).made()
         decider = "information_per_cost" if self.decider == usual.decider else self.decider
         return TrayConversation(sensor.session(self.target, decider, self.seed, log=log), sensor)
 

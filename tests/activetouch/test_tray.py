@@ -3,6 +3,7 @@
 import json
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -28,9 +29,12 @@ from belief.tray import PlaceTouch
 from experiments.command_line.arguments import BadArgument
 from experiments.meshes.find import Find
 from experiments.scene_choice import SceneChoice
+from experiments.search.certify import Certify, TooFewSearches
 from experiments.search.compare import Compare
+from experiments.search.drawer import searches
 from experiments.search.drawer.drawer import Drawer
 from experiments.search.play import Setting
+from planners.certified import Certificate, NotCertified
 from planners.session_log import AlreadyTold, OtherModel
 from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stated, stop
 from planners.tray_session import TraySession
@@ -410,3 +414,44 @@ def test_the_environment_is_one_of_gymnasium(sensor):
     assert ends
     assert rewards[-1] > 0.5 if info["is_success"] else rewards[-1] < 0.0
     assert all(-1.0 < reward < 0.0 for reward in rewards[:-1])
+
+
+def test_the_answers_of_searches_in_trays_are_certified(sensor, tmp_path, monkeypatch):
+    """Searches end at the stated probability that calibration has found for each answer, in the certified world."""
+    monkeypatch.setattr(
+        TraySensor, "shipped", lambda name, meshes, tray, rules, _: replace(sensor, tray=tray, rules=rules)
+    )
+    monkeypatch.setattr(searches, "_MADE", {})
+    setting = Setting(SceneChoice("drawer(size=(0.13, 0.1), present=0.6)"), Path("coarse"), 1)
+    given = {"decider": "random", "risk": 0.2, "setting": setting, "jobs": 1, "out": tmp_path / "c.json"}
+    with pytest.raises(TooFewSearches, match="too few"):
+        Certify(**given, searches=40).run()
+    assert not (tmp_path / "c.json").exists()
+    Certify(**given, searches=150).run()
+    found = Certificate.load(tmp_path / "c.json")
+    assert found.answers == ("here", "absent")
+    assert all(wrong <= 0.2 * stops for stops, wrong in zip(found.stops, found.wrong, strict=True))
+    assert "P(wrong | answer) ≤ 0.2 for every answer" in str(found)
+    certified = sensor.certified(found, "random")
+    here, absent = (max(0.5, limit) for limit in found.thresholds)
+    assert certified.rules == replace(sensor.rules, sure=here, sure_absent=absent)
+    ends = [certified.search("cube", "random", seed=seed) for seed in range(20)]
+    for one in ends:
+        assert one.stated >= {"here": here, "absent": absent, "unsure": 0.0}[one.answer]
+        assert all(step.target < here and step.absent < absent for step in one.steps[:-1])
+    shapes = {name: SHAPES[name] for name in ("sphere", "cube")}
+    tray = {"sensor": "coarse", "shapes": shapes, "tray": _SMALL, "num_searches": 2, "jobs": 1}
+    played = drawer(["random"], targets=["cube"], certificate=tmp_path / "c.json", **tray).episodes["random"]
+    expected = [certified.search("cube", "random", seed=(0, number)) for number in (0, 1)]
+    assert [one.steps for one in played] == [one.steps for one in expected]
+    for wrong in (
+        lambda: sensor.certified(found, "raster"),
+        lambda: sensor.certified(found, "random", ["sphere", "cone"]),
+        lambda: replace(sensor, tray=replace(sensor.tray, present=0.5)).certified(found, "random"),
+    ):
+        with pytest.raises(NotCertified):
+            wrong()
+    with pytest.raises(InvalidArgument, match="one decider"):
+        drawer(["random", "raster"], certificate=found, **tray)
+    with pytest.raises(BadArgument, match="the scene drawer takes"):
+        Certify(**{**given, "setting": replace(setting, unlisted=0.1)}, searches=150).run()

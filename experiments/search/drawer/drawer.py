@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ import tyro
 
 from activetouch.tray.world import Tray
 from belief.constraints import NotNegative, Positive, Probability, Share, Within
+from belief.errors import InvalidArgument
 from belief.files import claim_folder, ends_claims
 from belief.statistics.comparison import wilson_interval
 from belief.table import Table
@@ -27,6 +28,7 @@ from experiments.parallel import default_jobs, run_tasks
 from experiments.report import Report, Reported, Section
 from experiments.search.drawer.page import searches_from_above
 from experiments.search.drawer.searches import Key, Searches, read_searches, write_searches
+from planners.certified import Certificate
 from planners.tray import TrayRules
 from planners.tray_session import TrayEpisode
 
@@ -146,6 +148,7 @@ def drawer(
     seed: int = 0,
     out: str | Path | None = None,
     jobs: int | None = None,
+    certificate: str | Path | Certificate | None = None,
 ) -> Drawers:
     """Search in trays with several deciders.
 
@@ -162,10 +165,12 @@ def drawer(
         seed: of objects and touches.
         out: folder in which finished searches are kept.
         jobs: number of processes; as many as processors by default.
+        certificate: of ``activetouch certify --scene drawer`` for the only decider, by whose thresholds searches end.
 
     Raises:
         UnknownName: there is no such sensor, target or decider.
-        InvalidArgument: there are fewer shapes than objects.
+        InvalidArgument: there are fewer shapes than objects, or more deciders than the certificate is for.
+        NotCertified: the certificate was made for something else.
     """
     require_count("num_searches", num_searches)
     searches = Searches(sensor, shapes, strangers, tray or Tray(), rules or TrayRules(), seed)
@@ -173,6 +178,10 @@ def drawer(
     for decider in deciders:
         made.decider(decider)  # which also prepares what all searches share
     labels = list(targets) or list(made.shape_labels)
+    if certificate is not None:
+        if len(deciders) != 1:
+            raise InvalidArgument(f"a certificate is for one decider, got {', '.join(deciders)}")
+        searches = replace(searches, rules=made.certified(certificate, deciders[0], labels).rules)
     keys = [(decider, labels[number % len(labels)], number) for number in range(num_searches) for decider in deciders]
     kept = {} if out is None else read_searches(Path(out) / _FILE, searches)
     missing = [key for key in keys if key not in kept]
@@ -234,6 +243,8 @@ class Drawer:
     """Cost of a metre of travel, in touches."""
     sure: Share = 0.95
     """Stated probability from which the search ends."""
+    certificate: Path | None = None
+    """Certificate of activetouch certify --scene drawer, which says when searches of the only decider end."""
     seed: Seed = 0
     """Seed of objects and touches."""
     out: Path = Path("runs/drawer")
@@ -266,6 +277,7 @@ class Drawer:
             seed=self.seed,
             out=self.out,
             jobs=self.jobs,
+            certificate=self.certificate,
         )
         print(found.table(), end="\n\n")
         print(*found.verdict(), sep="\n")

@@ -14,6 +14,8 @@ from belief.codec import from_fields, to_fields
 from belief.errors import CorruptFile, InvalidArgument
 from belief.files import write_text
 from belief.references import BadReference, Reference, build
+from experiments.command_line.arguments import BadArgument
+from experiments.scene_choice import SceneChoice
 from planners.tray import TrayRules
 from planners.tray_session import TrayEpisode
 
@@ -41,6 +43,26 @@ class Searches:
     rules: TrayRules = field(default_factory=TrayRules)
     seed: int = 0
 
+    @classmethod
+    def of(cls, choice: SceneChoice, sensor: Path | None = None, num_objects: int | None = None) -> Searches:
+        """Those of a scene ``drawer(setting=value, ...)``, whose settings are those of tray and rules.
+
+        Raises:
+            BadArgument: the scene is changed in a way that trays do not know.
+            BadReference: there is no such setting.
+        """
+        if replace(choice, scene=SceneChoice.scene, meshes=(), only=False) != SceneChoice() or len(choice.meshes) > 1:
+            raise BadArgument(f"the scene drawer takes --meshes FOLDER and --sensor gel, coarse or hard, got {choice}")
+        given = dict(Reference.parse(choice.scene).settings)
+        given |= {} if num_objects is None else {"num_objects": num_objects}
+        known = {field.name: kind for kind in (Tray, TrayRules) for field in fields(kind)}
+        if unknown := given.keys() - known:
+            raise BadReference(f"the scene drawer has no setting {min(unknown)!r}; it has {', '.join(known)}")
+        tray, rules = ({n: value for n, value in given.items() if known[n] is kind} for kind in (Tray, TrayRules))
+        shapes = choice.meshes[0] if choice.meshes else None
+        made = build("drawer", Tray, tray, {}), build("drawer", TrayRules, rules, {})
+        return cls("gel" if sensor is None else str(sensor), shapes, (), *made)
+
     def made(self) -> TraySensor:
         """The sensor; the same one at the next call."""
         if self.key not in _MADE:
@@ -53,16 +75,6 @@ class Searches:
         """What a file of episodes says of it."""
         given = asdict(replace(self, shapes=_listed(self.shapes), strangers=_listed(self.strangers)))
         return json.dumps(given, sort_keys=True)
-
-
-def rules_of(scene: str, num_objects: int | None) -> tuple[Tray, TrayRules]:
-    """Tray and rules of a scene ``drawer(setting=value, ...)``, whose settings are those of both."""
-    given = dict(Reference.parse(scene).settings) | ({} if num_objects is None else {"num_objects": num_objects})
-    known = {field.name: kind for kind in (Tray, TrayRules) for field in fields(kind)}
-    if unknown := given.keys() - known:
-        raise BadReference(f"the scene drawer has no setting {min(unknown)!r}; it has {', '.join(known)}")
-    tray, rules = ({n: value for n, value in given.items() if known[n] is kind} for kind in (Tray, TrayRules))
-    return build("drawer", Tray, tray, {}), build("drawer", TrayRules, rules, {})
 
 
 def _listed(shapes: Any) -> Any:

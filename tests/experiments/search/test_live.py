@@ -28,6 +28,7 @@ from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
+from experiments.search.drawer import searches
 from experiments.search.live import MOST_BYTES, Conversation, Live, TrayConversation, converse, requests
 
 pytestmark = pytest.mark.mujoco
@@ -429,7 +430,8 @@ def in_tray():
 
 def test_a_search_in_a_tray_over_a_pipe_that_is_broken_off_is_the_search(in_tray, tmp_path, monkeypatch, capfd):
     """The lines are those of all searches; places take the part of poses."""
-    monkeypatch.setattr(TraySensor, "shipped", lambda name, meshes, tray, rules: replace(in_tray, tray=tray))
+    monkeypatch.setattr(TraySensor, "shipped", lambda name, meshes, tray, rules, _: replace(in_tray, tray=tray))
+    monkeypatch.setattr(searches, "_MADE", {})
     expected, keyed, log = in_tray.search("torus", seed=2), in_tray.touched("torus", 2), tmp_path / "log.jsonl"
     choice = SceneChoice(scene=SCENE)
     given = {"target": "torus", "sensor": Path("coarse"), "choice": choice, "objects": 2, "log": log, "seed": 2}
