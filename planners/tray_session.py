@@ -38,7 +38,8 @@ SCHEMA = "activetouch tray session 1"
 _PARKED = (0.0, 0.0)
 """Where the pad is at first [m]."""
 _WORDS: Mapping[type, str] = {Press: "touch", ConfirmAt: "confirm", Reject: "reject", Unsure: "unsure"}
-_OUTCOMES = {ConfirmAt: Outcome.CONFIRMED, Reject: Outcome.EXHAUSTED, Unsure: Outcome.UNSURE}
+OUTCOMES = {ConfirmAt: Outcome.CONFIRMED, Reject: Outcome.EXHAUSTED, Unsure: Outcome.UNSURE}
+"""How an answer ends a search."""
 
 
 class TrayStep(NamedTuple):
@@ -185,7 +186,7 @@ class TraySession(AskAndTell[TrayTold]):
     @property
     def outcome(self) -> Outcome | None:
         """How the search ended: confirmed, exhausted (the target is absent) or unsure; None while it goes on."""
-        return None if self._answer is None else _OUTCOMES[type(self._answer)]
+        return None if self._answer is None else OUTCOMES[type(self._answer)]
 
     def ask(self) -> TrayAction | None:
         """The next action, the same until it is told that it was carried out; None when the search has ended.

@@ -34,6 +34,8 @@ from belief.references import build, find
 from belief.seeding import checked_key
 from belief.tray import PlaceTable, TouchNoise, TrayBelief
 from planners.fingerprint import fingerprint
+from planners.process_agent import InTray, ProcessAgent
+from planners.registry import PROCESS
 from planners.tray import (
     InformationPerCost,
     PlaceOutcomes,
@@ -203,13 +205,15 @@ class TraySensor:
         prior = tray.num_objects, tray.present
         return TrayBelief(self.table, tray.size, index, *prior, noise, unlisted=tray.unlisted)
 
-    def decider(self, decider: str | TrayDecider = "information_per_cost") -> TrayDecider:
-        """One of :data:`DECIDERS` by name, ``module:attribute``, either with settings, or a decider of one's own.
+    def decider(self, decider: str | TrayDecider | ProcessAgent = "information_per_cost") -> TrayDecider:
+        """One of :data:`DECIDERS` or ``module:attribute``, with or without settings; ``process:COMMAND``; or an object.
 
         Raises:
             UnknownName: there is no decider of this name.
             BadReference: a setting is unknown, or there is no such object.
         """
+        if isinstance(decider, ProcessAgent) or (isinstance(decider, str) and decider.startswith(PROCESS)):
+            return InTray(ProcessAgent(decider.removeprefix(PROCESS)) if isinstance(decider, str) else decider)
         if not isinstance(decider, str):
             return decider
         found, reference = find("decider of a tray", decider, DECIDERS, "activetouch.tray_deciders")
