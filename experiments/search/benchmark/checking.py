@@ -132,7 +132,7 @@ def _read(path: Path, hidden: HiddenSeeds | None) -> Entry:
         return replace(entry, faults=("its searches are not those of the task, each once, in their order",))
     faults, outcomes = _followed(found, card, _seed_of(card, found, hidden))
     faults += [*_times(found), *_twice(found.searches)]
-    confirmed = [search for search in found.searches if search.outcome == Outcome.CONFIRMED]
+    confirmed = [search for search in found.searches if search.outcome == Outcome.CONFIRMED and search.probs]
     if said := _knows_more([search for search in confirmed if not search.num_touches]):
         faults.append(f"without a touch, it is {said}: it knows the objects")
     notes = [f"it is {said}: it reads touches better than the sensor, or knows the objects"] * bool(
