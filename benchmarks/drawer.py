@@ -77,7 +77,7 @@ def by_oracle(sensor: TraySensor, target: int, seed: tuple[int, int]) -> tuple[i
             break
         place = belief.centre(action.cell)
         travel += float(np.hypot(place[0] - at[0], place[1] - at[1]))
-        at, met = place, keyed.press(*place, rng)
+        at, met = place, keyed.press(*place)
         read = (None, None) if met.image is None else sensor.read(met.image)
         oracle.told(PlaceTouch(action.cell, met.height, *read), met.met)
     is_there = any(one.shape == target for one in world.objects)
@@ -99,7 +99,7 @@ def timed(sensor: TraySensor, searches: int) -> tuple[float, float]:
             action: Any = decider.choose(belief, at, rng).action
             decisions.append(time.process_time() - start)
             at = belief.centre(action.cell)
-            met = keyed.press(*at, rng)
+            met = keyed.press(*at)
             read = (None, None) if met.image is None else sensor.read(met.image)
             start = time.process_time()
             belief = belief.update(PlaceTouch(action.cell, met.height, *read))

@@ -94,13 +94,6 @@ class TrayEpisode:
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
 
 
-class Presses(Protocol):
-    """A tray that can be touched."""
-
-    def press(self, x: float, y: float, rng: np.random.Generator) -> Met:
-        """What the pad meets at a place [m]."""
-
-
 class TrayReader(Protocol):
     """Reads the images that a session is given; a sensor for trays is one."""
 
@@ -403,15 +396,6 @@ class Met(Protocol):
     @property
     def image(self) -> NDArray[np.uint8] | None:
         """Of the contact."""
-
-
-def search_tray(session: TraySession, world: Presses, rng: np.random.Generator) -> None:
-    """Play a session in a world to its end."""
-    while (action := session.ask()) is not None:
-        if isinstance(action, Press):
-            session.tell_met(world.press(*session.place(), rng))
-        else:
-            session.tell()
 
 
 def is_right(answer: str, place: tuple[float, float] | None, objects: Sequence[Lies], target: str) -> bool:

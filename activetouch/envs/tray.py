@@ -96,7 +96,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         wanted = float(share[0]) * size[0], float(share[1]) * size[1]
         place = session.belief.centre(session.belief.cell_at(*wanted))
         way = float(np.hypot(place[0] - session.at[0], place[1] - session.at[1]))
-        session.tell_met(self._touched.press(*place, self.np_random), place)
+        session.tell_met(self._touched.press(*place), place)
         reward = -self.touch_cost * (1.0 + self.sensor.rules.travel * way)
         info, answered = self._info(), session.stopped()
         if answered is not None:

@@ -27,7 +27,7 @@ from activetouch.sensor.session_reader import checked_image
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.solid import Shape
 from activetouch.tray.contacts import place_table
-from activetouch.tray.world import Tray, TrayWorld
+from activetouch.tray.world import Poke, Tray, TrayWorld
 from belief.errors import UnknownName
 from belief.naming import Name, index_of
 from belief.references import build, find
@@ -39,12 +39,13 @@ from planners.registry import PROCESS
 from planners.tray import (
     InformationPerCost,
     PlaceOutcomes,
+    Press,
     RandomPlaces,
     RasterThenIdentify,
     TrayDecider,
     TrayRules,
 )
-from planners.tray_session import LEAST, TrayEpisode, TraySession, search_tray
+from planners.tray_session import LEAST, TrayEpisode, TraySession
 
 if TYPE_CHECKING:
     from planners.certified import Certificate
@@ -299,7 +300,11 @@ class TraySensor:
         touched = self.touched(index, key)
         world, lay = touched.world, touched.world.lay
         session = self.session(index, decider, (*key, index, 1))
-        search_tray(session, touched, np.random.default_rng(0))
+        while (action := session.ask()) is not None:
+            if isinstance(action, Press):
+                session.tell_met(touched.press(*session.place()))
+            else:
+                session.tell()
         session.objects = world.lay  # where touches have moved them
         return replace(session.episode, seed=key, objects=lay)
 
@@ -312,8 +317,8 @@ class Keyed:
     key: tuple[int, ...]
     pressed: dict[tuple[int, int], int] = field(default_factory=dict)
 
-    def press(self, x: float, y: float, rng: np.random.Generator) -> Any:
-        """See :class:`planners.tray_session.Presses`."""
+    def press(self, x: float, y: float) -> Poke:
+        """Come down on a place [m]."""
         place = round(x * 1e5), round(y * 1e5)
         times = self.pressed.get(place, 0)
         self.pressed[place] = times + 1

@@ -24,7 +24,6 @@ from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
 from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
-from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, CompositionName, Searches, Setting, play_episodes
 from planners import Decider, Episode
@@ -266,31 +265,18 @@ class Certify:
 
     def _in_a_tray(self) -> Certificate:
         """The certificate of both answers of searches in a tray, which go on until nothing is left to tell."""
-        from experiments.search.drawer.drawer import drawer  # whose modules no other scene needs
+        from experiments.search.drawer.drawer import play  # whose modules no other scene needs
         from experiments.search.drawer.searches import Searches as TraySearches
         from planners.tray_session import ANSWERS, SUREST
         from planners.tray_session import candidate_stops as stops_in_trays
 
-        setting = self.setting
-        if replace(setting, choice=SceneChoice(), sensor=None, num_objects=None) != Setting():
-            raise BadArgument("the scene drawer takes --sensor and --num-objects alone")
-        searches = TraySearches.of(setting.choice, setting.sensor, setting.num_objects)
+        searches = TraySearches.of(self.setting, self.seed + _SEEDS)
         sensor, rules = searches.made(), searches.rules
         labels = list(self.targets or sensor.shape_labels)
-        found = drawer(
-            [self.decider],
-            sensor=searches.sensor,
-            shapes=searches.shapes,
-            targets=keyed_rng([self.seed + _SEEDS]).choice(labels, self.searches).tolist(),
-            num_searches=self.searches,
-            tray=searches.tray,
-            rules=replace(rules, sure=SUREST, sure_absent=SUREST),
-            seed=self.seed + _SEEDS,
-            jobs=self.jobs,
-        )
-        stops = certified_thresholds(
-            stops_in_trays(found.episodes[self.decider]), self.risk, self.confidence, answers=ANSWERS
-        )
+        drawn = keyed_rng([searches.seed]).choice(labels, self.searches).tolist()
+        searches = replace(searches, rules=replace(rules, sure=SUREST, sure_absent=SUREST))
+        found = play(searches, [self.decider], drawn, self.searches, jobs=self.jobs).episodes[self.decider]
+        stops = certified_thresholds(stops_in_trays(found), self.risk, self.confidence, answers=ANSWERS)
         if not np.isfinite(stops.thresholds).all():
             raise TooFewSearches(f"{stops.note} Play more --searches, or accept more --risk")
         world = sensor.certified_world(labels, self.decider)

@@ -33,7 +33,7 @@ from belief.references import ForeignCode
 from belief.validation import Floats, as_real
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
-from experiments.search.play import CompositionName
+from experiments.search.play import CompositionName, Setting
 from experiments.sensor_choice import asked_state, open_sensor, sensor_folder
 from planners.episode import ACTION_NAMES, MOVED
 from planners.session_log import OtherModel, problem_fields
@@ -403,8 +403,10 @@ class Live:
         usual = Live(self.target)
         plain = replace(self, choice=usual.choice, sensor=None, objects=None, decider=usual.decider, seed=0, log=None)
         if plain != usual:
-            raise BadArgument("the scene drawer takes --target, --sensor, --objects, --decider, --seed and --log")
-        sensor = Searches.of(self.choice, self.sensor, self.objects).made()
+            raise BadArgument(
+                "the scene drawer takes --target, --sensor, --meshes, --objects, --decider, --seed and --log"
+            )
+        sensor = Searches.of(Setting(self.choice, self.sensor, self.objects)).made()
         decider = "information_per_cost" if self.decider == usual.decider else self.decider
         return TrayConversation(sensor.session(self.target, decider, self.seed, log=log), sensor)
 

@@ -33,6 +33,7 @@ from experiments.search.certify import Certify, TooFewSearches
 from experiments.search.compare import Compare
 from experiments.search.drawer import searches
 from experiments.search.drawer.drawer import Drawer
+from experiments.search.drawer.searches import Searches
 from experiments.search.play import Setting
 from planners.certified import Certificate, NotCertified
 from planners.session_log import AlreadyTold, OtherModel
@@ -208,7 +209,7 @@ def test_presses_tell_which_assignment_of_touches_is_true(sensor):
     empty = belief.update(PlaceTouch((4, 4)))
     met = sensor.touched("cube", 3)
     session = sensor.session("cube")
-    session.tell_met(met.press(*met.world.objects[0].place[:2].tolist(), np.random.default_rng(0)))
+    session.tell_met(met.press(*met.world.objects[0].place[:2].tolist()))
     one = session.belief.worlds[0].found[0]
     sure = replace(session.belief.worlds[0], log_answers=np.log([1.0 - 2e-12, 1e-12, 1e-12]), log_weight=0.0)
     none = replace(empty.worlds[0], log_answers=np.log([1e-12, 1.0 - 1e-12]), log_weight=float(np.log(0.5)))
@@ -268,7 +269,7 @@ def test_a_session_that_is_killed_at_every_step_is_the_search(two, decider, tmp_
             session.tell(missed=True, place=(0.05, 0.05))
             assert session.undo() == "miss"
             assert (session.ask(), session.place()) == (action, place)
-            session.tell_met(keyed.press(*place, np.random.default_rng(0)))
+            session.tell_met(keyed.press(*place))
         else:
             session.tell()
         with pytest.raises(AlreadyTold):
@@ -372,16 +373,23 @@ def test_the_command_continues_and_refuses_other_settings(tmp_path, capsys):
 
 def test_compare_and_find_play_the_drawer(monkeypatch, tmp_path):
     played = []
-    monkeypatch.setattr(Drawer, "run", lambda command: played.append(command))
-    choice = SceneChoice("drawer")
+    monkeypatch.setattr("experiments.search.drawer.drawer.report", lambda *given: played.append(given))
+    choice = SceneChoice("drawer(present=0.5)")
     Compare(targets=("cube",), episodes=2, setting=Setting(choice), out=tmp_path, jobs=1).run()
     Find(folder=tmp_path, target="mug", drawer=True, searches=3, objects=4, threshold=0.9, out=tmp_path, jobs=1).run()
-    first, second = played
-    assert (first.target, first.searches, first.out, first.deciders) == (("cube",), 2, tmp_path, Drawer().deciders)
-    assert (second.folder, second.target, second.searches) == (tmp_path, ("mug",), 3)
-    assert (second.objects, second.sure) == (4, 0.9)
-    with pytest.raises(BadArgument, match="the scene drawer takes"):
-        Compare(setting=Setting(choice, unlisted=0.1), out=tmp_path).run()
+    Drawer(sensor="coarse", size=(200.0, 150.0), push=2.0, sure=0.8, out=tmp_path, jobs=1).run()
+    usual = ("information_per_cost", "raster")
+    assert played == [
+        (Searches(tray=Tray(present=0.5)), usual, ("cube",), 2, tmp_path, 1, None),
+        (Searches("gel", tmp_path, (), Tray(num_objects=4), TrayRules(sure=0.9)), usual, ("mug",), 3, tmp_path, 1),
+        (
+            *(Searches("coarse", tray=Tray(size=(0.2, 0.15), push=0.002), rules=TrayRules(sure=0.8)), usual),
+            *((), 24, tmp_path, 1, None),
+        ),
+    ]
+    for wrong in (Setting(choice, unlisted=0.1), Setting(replace(choice, meshes=(tmp_path, tmp_path)))):
+        with pytest.raises(BadArgument, match="the scene drawer takes"):
+            Compare(setting=wrong, out=tmp_path).run()
 
 
 def test_strangers_are_told_from_the_shapes_of_the_files(two):

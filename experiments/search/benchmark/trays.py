@@ -21,7 +21,7 @@ from belief.tray import TrayBelief
 from experiments.scene_choice import SceneChoice
 from experiments.search.benchmark.submission import DIGITS, HEX, Played, PlayedBatch
 from experiments.search.drawer.searches import Searches
-from experiments.search.play import Seconds
+from experiments.search.play import Seconds, Setting
 from planners.tray import ConfirmAt, Press, TrayDecision, stated
 from planners.tray_session import OUTCOMES, TrayAction, ended, is_right
 
@@ -40,7 +40,7 @@ class TrayTask(Checked):
     @property
     def made(self) -> TraySensor:
         """The sensor, the same one at the next call."""
-        return Searches.of(SceneChoice(self.scene), Path(self.sensor)).made()
+        return Searches.of(Setting(SceneChoice(self.scene), Path(self.sensor))).made()
 
     def batch(
         self, seed: int, target: str, numbers: Sequence[int], decider: Any, record: Sequence[Played] = ()
@@ -58,13 +58,13 @@ class TrayTask(Checked):
         sensor, grid = self.made, _grid(self)
         index = sensor.shape_labels.index(target)
         session = sensor.session(target, decider, (*key, index, 1))
-        touched, rng, felt = sensor.touched(target, key), np.random.default_rng(0), hashlib.sha256()
+        touched, felt = sensor.touched(target, key), hashlib.sha256()
         actions, probs, seconds, clock = list[int | str](), list[float](), Seconds(), time.perf_counter
         start = clock()
         while (action := session.ask()) is not None:
             decided = clock()
             if isinstance(action, Press):
-                met = touched.press(*session.place(), rng)
+                met = touched.press(*session.place())
                 pressed = clock()
                 actions.append(_number(action.cell, grid))
                 probs.append(session.standing.target)

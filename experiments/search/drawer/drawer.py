@@ -33,6 +33,8 @@ from planners.tray import TrayRules
 from planners.tray_session import TrayEpisode
 
 Shapes = Mapping[str, Any] | Sequence[Path | str] | Path | None
+USUAL_DECIDERS, USUAL_SEARCHES = ("information_per_cost", "raster"), 24
+"""What the command plays by default."""
 _AT_ONCE = 4  # searches of a task
 _FILE = "episodes.jsonl"
 
@@ -136,7 +138,7 @@ class Drawers(Reported):
 
 
 def drawer(
-    deciders: Sequence[str] = ("information_per_cost", "raster"),
+    deciders: Sequence[str] = USUAL_DECIDERS,
     *,
     sensor: str = "gel",
     shapes: Shapes = None,
@@ -172,8 +174,21 @@ def drawer(
         InvalidArgument: there are fewer shapes than objects, or more deciders than the certificate is for.
         NotCertified: the certificate was made for something else.
     """
-    require_count("num_searches", num_searches)
     searches = Searches(sensor, shapes, strangers, tray or Tray(), rules or TrayRules(), seed)
+    return play(searches, deciders, targets, num_searches, out, jobs, certificate)
+
+
+def play(
+    searches: Searches,
+    deciders: Sequence[str],
+    targets: Sequence[str] = (),
+    num_searches: int = USUAL_SEARCHES,
+    out: str | Path | None = None,
+    jobs: int | None = None,
+    certificate: str | Path | Certificate | None = None,
+) -> Drawers:
+    """:func:`drawer` with one record of what determines a search."""
+    require_count("num_searches", num_searches)
     made = searches.made()
     for decider in deciders:
         made.decider(decider)  # which also prepares what all searches share
@@ -192,6 +207,24 @@ def drawer(
             write_searches(Path(out) / _FILE, searches, kept)
     by_decider = {name: [kept[key] for key in keys if key[0] == name] for name in dict.fromkeys(deciders)}
     return Drawers(searches, by_decider)
+
+
+def report(
+    searches: Searches,
+    deciders: Sequence[str],
+    targets: Sequence[str],
+    num_searches: int,
+    out: Path,
+    jobs: int,
+    certificate: Path | None = None,
+) -> None:
+    """:func:`play`, print the table, and write the report."""
+    claim_folder(out)
+    start = time.perf_counter()
+    found = play(searches, deciders, targets, num_searches, out, jobs, certificate)
+    print(found.table(), end="\n\n")
+    print(*found.verdict(), sep="\n")
+    print(f"{time.perf_counter() - start:.0f} s; report: {found.save(out)}")
 
 
 def _played(searches: Searches, keys: Sequence[Key]) -> dict[Key, TrayEpisode]:
@@ -223,9 +256,9 @@ class Drawer:
     """Shapes that are sought, in turn; all by default."""
     sensor: str = "gel"
     """Scene whose pad comes down on the tray: gel, coarse or hard."""
-    deciders: tuple[str, ...] = ("information_per_cost", "raster")
+    deciders: tuple[str, ...] = USUAL_DECIDERS
     """Deciders: information_per_cost, raster, random."""
-    searches: Count = 24
+    searches: Count = USUAL_SEARCHES
     """Searches of each decider."""
     objects: Count = 6
     """Objects in the tray."""
@@ -256,8 +289,6 @@ class Drawer:
     def run(self) -> None:
         """Search, print the table, write the report."""
         check_arguments(self)
-        claim_folder(self.out)
-        start = time.perf_counter()
         tray = Tray(
             size=(self.size[0] / 1000.0, self.size[1] / 1000.0),
             num_objects=self.objects,
@@ -265,20 +296,6 @@ class Drawer:
             push=self.push / 1000.0,
             unlisted=(0.0 if self.strangers is None else 0.3) if self.unlisted is None else self.unlisted,
         )
-        found = drawer(
-            self.deciders,
-            sensor=self.sensor,
-            shapes=self.folder,
-            strangers=self.strangers or (),
-            targets=self.target,
-            num_searches=self.searches,
-            tray=tray,
-            rules=TrayRules(self.travel, self.sure),
-            seed=self.seed,
-            out=self.out,
-            jobs=self.jobs,
-            certificate=self.certificate,
-        )
-        print(found.table(), end="\n\n")
-        print(*found.verdict(), sep="\n")
-        print(f"{time.perf_counter() - start:.0f} s; report: {found.save(self.out)}")
+        rules = TrayRules(self.travel, self.sure)
+        searches = Searches(self.sensor, self.folder, self.strangers or (), tray, rules, self.seed)
+        report(searches, self.deciders, self.target, self.searches, self.out, self.jobs, self.certificate)

@@ -16,6 +16,7 @@ from belief.files import write_text
 from belief.references import BadReference, Reference, build
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
+from experiments.search.play import Setting
 from planners.tray import TrayRules
 from planners.tray_session import TrayEpisode
 
@@ -44,24 +45,28 @@ class Searches:
     seed: int = 0
 
     @classmethod
-    def of(cls, choice: SceneChoice, sensor: Path | None = None, num_objects: int | None = None) -> Searches:
+    def of(cls, setting: Setting, seed: int = 0) -> Searches:
         """Those of a scene ``drawer(setting=value, ...)``, whose settings are those of tray and rules.
 
         Raises:
-            BadArgument: the scene is changed in a way that trays do not know.
-            BadReference: there is no such setting.
+            BadArgument: the setting has what trays do not know.
+            BadReference: the scene has no such setting.
         """
-        if replace(choice, scene=SceneChoice.scene, meshes=(), only=False) != SceneChoice() or len(choice.meshes) > 1:
-            raise BadArgument(f"the scene drawer takes --meshes FOLDER and --sensor gel, coarse or hard, got {choice}")
-        given = dict(Reference.parse(choice.scene).settings)
-        given |= {} if num_objects is None else {"num_objects": num_objects}
+        choice, number = setting.choice, setting.num_objects
+        plain = replace(setting, choice=replace(choice, scene=SceneChoice.scene, meshes=(), only=False))
+        if replace(plain, sensor=None, num_objects=None) != Setting() or len(choice.meshes) > 1:
+            raise BadArgument(
+                "the scene drawer takes the pad of --sensor gel, coarse or hard, --meshes FOLDER, a number of objects, "
+                f"and settings of its own, as in 'drawer(size=(0.3, 0.2), present=0.5)'; got {setting}"
+            )
+        given = dict(Reference.parse(choice.scene).settings) | ({} if number is None else {"num_objects": number})
         known = {field.name: kind for kind in (Tray, TrayRules) for field in fields(kind)}
         if unknown := given.keys() - known:
             raise BadReference(f"the scene drawer has no setting {min(unknown)!r}; it has {', '.join(known)}")
         tray, rules = ({n: value for n, value in given.items() if known[n] is kind} for kind in (Tray, TrayRules))
         shapes = choice.meshes[0] if choice.meshes else None
         made = build("drawer", Tray, tray, {}), build("drawer", TrayRules, rules, {})
-        return cls("gel" if sensor is None else str(sensor), shapes, (), *made)
+        return cls(str(setting.sensor or cls.sensor), shapes, (), *made, seed)
 
     def made(self) -> TraySensor:
         """The sensor; the same one at the next call."""

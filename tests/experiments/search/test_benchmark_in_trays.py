@@ -194,5 +194,5 @@ def test_a_program_in_any_language_plays(small, tmp_path):
 )
 def test_a_program_that_answers_wrongly_is_named(answer, small, tmp_path):
     (tmp_path / "agent.py").write_text(AGENT.replace("ANSWER", f"answer if 'ok' in answer else {answer}"))
-    with pytest.raises(BrokenContract, match="answered .* in the tray of 0.16 x 0.12 m"):
+    with pytest.raises(BrokenContract, match=r"answered .* in the tray of 0\.16 x 0\.12 m"):
         small.play("it", f"process:{sys.executable} {tmp_path / 'agent.py'}", 1)
