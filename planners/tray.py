@@ -378,7 +378,7 @@ def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
     margin = belief.table.half_width - 1e-9
     sides = [
         (middles >= margin) & (middles <= size - margin)
-        for middles, size in zip(belief.middles, belief.size, strict=True)
+        for middles, size in zip(belief.grid.middles, belief.size, strict=True)
     ]
     allowed = np.asarray(sides[0][:, None] & sides[1])
     if belief.pressed:
@@ -388,7 +388,7 @@ def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
 
 def _distances(belief: TrayBelief, at: tuple[float, float]) -> Floats:
     """Of all cells from a place [m], ``(X, Y)``."""
-    along, across = belief.middles
+    along, across = belief.grid.middles
     return np.hypot((along - at[0])[:, None], across - at[1])
 
 

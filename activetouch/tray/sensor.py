@@ -26,13 +26,13 @@ from activetouch.scene_description import described
 from activetouch.sensor.session_reader import checked_image
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.solid import Shape
-from activetouch.tray.contacts import place_table
+from activetouch.tray.contacts import pitch, place_table
 from activetouch.tray.world import Poke, Tray, TrayWorld
 from belief.errors import UnknownName
 from belief.naming import Name, index_of
 from belief.references import build, find
 from belief.seeding import checked_key
-from belief.tray import PlaceTable, TouchNoise, TrayBelief
+from belief.tray import Grid, PlaceTable, TouchNoise, TrayBelief
 from planners.fingerprint import fingerprint
 from planners.process_agent import InTray, ProcessAgent
 from planners.registry import PROCESS
@@ -146,6 +146,11 @@ class TraySensor:
         """What embeds contacts."""
         assert isinstance(self.reader.hypotheses, ContactHypotheses), "asked in __post_init__"
         return self.reader.hypotheses
+
+    @property
+    def grid(self) -> Grid:
+        """The cells of the tray."""
+        return Grid(self.tray.size, pitch(self._contacts))
 
     @cached_property
     def table(self) -> PlaceTable:

@@ -388,7 +388,11 @@ def _of_task(task: str, seeds: str, entries: Sequence[Entry], rng: np.random.Gen
     own = {name: entry for name, entry in named_apart(entries).items() if entry.outcomes is not None}
     outcomes = {name: entry.outcomes for name, entry in own.items() if entry.outcomes is not None}
     letters = groups({name: one.reward for name, one in outcomes.items()}, rng)
-    bound, rows = Card.named(task).bound, list[Sequence[Value]]()
+    card, rows = Card.named(task), list[Sequence[Value]]()
+    bound, who = (
+        card.bound,
+        "no agent with any sensor returns more than" if card.oracle is None else "an oracle returns",
+    )
     for name, letter in letters.items():
         one, found = outcomes[name], own[name].submission
         assert found is not None, "it was read"
@@ -404,8 +408,8 @@ def _of_task(task: str, seeds: str, entries: Sequence[Entry], rng: np.random.Gen
             *(("return", ".3f"), ("95 % ", ".2f"), ("to bound", ".3f"), ("ms", ".1f")),
         ],
         rows,
-        "Agents that share a letter cannot be told apart by their returns on the same searches. To bound: no agent "
-        f"with any sensor returns more than {bound:.3f} on average. ms: for a decision, as each file states it.",
+        "Agents that share a letter cannot be told apart by their returns on the same searches. "
+        f"To bound: {who} {bound:.3f} on average. ms: for a decision, as each file states it.",
         f"{task}_results",
     )
     best, *others = letters

@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from activetouch.tray.sensor import TraySensor
 from belief.constraints import Checked, NotNegative
 from belief.problem import Reject, Unsure
 from belief.search_progress import Outcome
-from belief.tray import TrayBelief
+from belief.tray import Grid, TrayBelief
 from experiments.scene_choice import SceneChoice
 from experiments.search.benchmark.submission import DIGITS, HEX, Played, PlayedBatch
 from experiments.search.drawer.searches import Searches
@@ -55,7 +54,7 @@ class TrayTask(Checked):
         return PlayedBatch(target, numbers[0], seconds, tuple(found))
 
     def _played(self, key: tuple[int, int], target: str, decider: Any) -> tuple[Played, Seconds]:
-        sensor, grid = self.made, _grid(self)
+        sensor, grid = self.made, self.made.grid
         index = sensor.shape_labels.index(target)
         session = sensor.session(target, decider, (*key, index, 1))
         touched, felt = sensor.touched(target, key), hashlib.sha256()
@@ -86,7 +85,7 @@ class TrayTask(Checked):
 
     def judged(self, key: tuple[int, int], target: str, search: Played) -> tuple[Outcome, bool, int, float] | str:
         """How actions end a search, whether that is right, its touches and its return; or what is wrong with them."""
-        sensor, grid = self.made, _grid(self)
+        sensor, grid = self.made, self.made.grid
         try:
             *presses, answer = [self.action(one) for one in search.actions]
         except (ValueError, KeyError) as error:
@@ -104,7 +103,7 @@ class TrayTask(Checked):
 
     def action(self, action: int | str) -> TrayAction:
         """What an action of a record means; raises ValueError or KeyError for none."""
-        grid = _grid(self)
+        grid = self.made.grid
         is_here = isinstance(action, str) and action.startswith(_CONFIRM)
         if isinstance(action, str) and not is_here:
             words: dict[str, TrayAction] = {"reject": Reject(), "unsure": Unsure()}
@@ -126,11 +125,5 @@ class _Following:
         return TrayDecision(self.task.action(self.actions[belief.num_touches]))
 
 
-def _number(cell: tuple[int, int], grid: TrayBelief) -> int:
+def _number(cell: tuple[int, int], grid: Grid) -> int:
     return cell[0] * grid.cells[1] + cell[1]
-
-
-@cache
-def _grid(task: TrayTask) -> TrayBelief:
-    """A belief about the tray of a task, whose cells are those of all its searches."""
-    return task.made.belief(0)
