@@ -143,6 +143,7 @@ class Card(Checked):
             run.play(jobs)
             return [*batches_of(run, name)]
         self.require_sensor()
+        self.tray.made.belief(0)  # which prepares what all processes share
         seed = self.seed if seed is None else seed
         tasks = [partial(self.tray.batch, seed, target, numbers, player) for target, numbers in self.batches()]
         found = {(batch.target, batch.first): batch for batch in run_tasks(tasks, jobs, "searching in trays")}

@@ -288,6 +288,7 @@ def _replays(
     """Tasks that play batches again: by one of the package's own deciders, or following the record."""
     if card.tray is not None:
         card.require_sensor()
+        card.tray.made.belief(0)  # which prepares what all processes share
         return [partial(_replayed_in_tray, card.tray, seed, own, batch) for batch in chosen]
     name = own or "random_confirm"
     run = card.run({name: name}, jobs, seed)

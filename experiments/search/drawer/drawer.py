@@ -155,7 +155,7 @@ def drawer(
     """Search in trays with several deciders.
 
     Args:
-        deciders: keys of :data:`activetouch.tray.sensor.DECIDERS`.
+        deciders: as of :meth:`activetouch.tray.sensor.TraySensor.decider`.
         sensor: scene whose pad comes down: gel, coarse or hard.
         shapes: that the objects may have: solids by label, a folder of mesh files, or mesh files; the twelve shapes of
             the scene ``many`` by default.
@@ -190,8 +190,9 @@ def play(
     """:func:`drawer` with one record of what determines a search."""
     require_count("num_searches", num_searches)
     made = searches.made()
+    made.belief(0)  # which prepares what all searches share
     for decider in deciders:
-        made.decider(decider)  # which also prepares what all searches share
+        made.decider(decider)
     labels = list(targets) or list(made.shape_labels)
     if certificate is not None:
         if len(deciders) != 1:
@@ -257,7 +258,7 @@ class Drawer:
     sensor: str = "gel"
     """Scene whose pad comes down on the tray: gel, coarse or hard."""
     deciders: tuple[str, ...] = USUAL_DECIDERS
-    """Deciders: information_per_cost, raster, random."""
+    """information_per_cost, raster or random, with or without settings; module:attribute; or process:COMMAND."""
     searches: Count = USUAL_SEARCHES
     """Searches of each decider."""
     objects: Count = 6
