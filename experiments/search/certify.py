@@ -234,7 +234,7 @@ class Certify:
                 f"at least {least} calibration searches are needed for a risk of {self.risk:g} with confidence "
                 f"{self.confidence:g}, got {self.searches}: play more --searches, or accept more --risk"
             )
-        if named is None and self.setting.choice.scene.partition("(")[0] == "drawer":
+        if named is None and self.setting.choice.is_tray:
             return self._in_a_tray()
         if self.setting.abstain is not None:
             raise BadArgument("a certificate says itself when a decider is unsure: leave out --abstain")

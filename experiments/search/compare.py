@@ -106,7 +106,7 @@ class Compare:
             _say([table for table in whole if table.rows], found.verdict())
             print(f"report: {found.save(Path('runs/results') if self.out is None else self.out)}")
             return
-        if self.setting.choice.scene.partition("(")[0] == "drawer":
+        if self.setting.choice.is_tray:
             self._in_a_tray()
             return
         if self.config is not None:

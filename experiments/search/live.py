@@ -391,7 +391,7 @@ class Live:
         """The conversation of a session, which may go on."""
         check_arguments(self)
         log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
-        found = self._in_a_tray(log) if self.choice.scene.partition("(")[0] == "drawer" else self._of_objects(log)
+        found = self._in_a_tray(log) if self.choice.is_tray else self._of_objects(log)
         step = found.session.step
         print(f"log: {log}" + f", goes on at step {step}" * bool(step), file=sys.stderr)
         return found
