@@ -168,6 +168,8 @@ submissions: development
 	cd $(SUBMITTED)/coarse-v1/ppo-coarse.jsonl.gz --agent sb3:ppo-coarse.zip --jobs 1
 	for task in gel hard many paper keyed bodies; do for agent in information_gain random_confirm; do \
 		(cd $(SUBMITTED)/$$task-v1/$$agent.jsonl.gz --task $$task-v1 --agent $$agent --jobs 1) || exit 1; done; done
+	for agent in information_per_cost raster random; do \
+		(cd $(SUBMITTED)/drawer-v1/$$agent.jsonl.gz --task drawer-v1 --agent $$agent --jobs 1) || exit 1; done
 	$(BIN)/python docs/generate/tables.py
 
 figures: development

@@ -106,6 +106,38 @@ class Contacts:
         return cls(row, i, j, hit, height, spread, table.embeddings, number)
 
 
+class Grid(NamedTuple):
+    """The cells of a tray: its size along x and y [m], and the distance of neighbouring cells [m]."""
+
+    size: tuple[float, float]
+    pitch: float
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Cells of the tray along x and y."""
+        along, across = (int(edge / self.pitch + 1e-9) for edge in self.size)
+        return along, across
+
+    def centre(self, cell: Sequence[float]) -> tuple[float, float]:
+        """The middle of a cell in the tray [m]."""
+        x, y = ((place + 0.5) * self.pitch + 0.5 * self._rest(axis) for axis, place in enumerate(cell))
+        return x, y
+
+    def cell_at(self, x: float, y: float) -> tuple[int, int]:
+        """The cell of a place in the tray [m]; the nearest one for a place at its edge."""
+        found = [int((v - 0.5 * self._rest(axis)) // self.pitch) for axis, v in enumerate((x, y))]
+        return min(max(found[0], 0), self.cells[0] - 1), min(max(found[1], 0), self.cells[1] - 1)
+
+    @property
+    def middles(self) -> tuple[Floats, Floats]:
+        """The middles of all cells along x and along y [m]."""
+        along, across = (np.asarray((np.arange(number) + 0.5) * self.pitch, float) for number in self.cells)
+        return along + 0.5 * self._rest(0), across + 0.5 * self._rest(1)
+
+    def _rest(self, axis: int) -> float:
+        return self.size[axis] - self.cells[axis] * self.pitch
+
+
 class PlaceTouch(NamedTuple):
     """A touch in a tray.
 
@@ -305,33 +337,26 @@ class TrayBelief:
         return len(self.pressed)
 
     @cached_property
+    def grid(self) -> Grid:
+        """Cells of the tray."""
+        return Grid(self.size, self.table.pitch)
+
+    @cached_property
     def cells(self) -> tuple[int, int]:
         """Cells of the tray along x and y."""
-        along, across = (int(edge / self.table.pitch + 1e-9) for edge in self.size)
-        return along, across
+        return self.grid.cells
 
     def centre(self, cell: Sequence[float]) -> tuple[float, float]:
         """The middle of a cell in the tray [m]."""
-        x, y = ((place + 0.5) * self.table.pitch + 0.5 * self._rest(axis) for axis, place in enumerate(cell))
-        return x, y
+        return self.grid.centre(cell)
 
     def cell_at(self, x: float, y: float) -> tuple[int, int]:
         """The cell of a place in the tray [m]; the nearest one for a place at its edge."""
-        found = [int((v - 0.5 * self._rest(axis)) // self.table.pitch) for axis, v in enumerate((x, y))]
-        return min(max(found[0], 0), self.cells[0] - 1), min(max(found[1], 0), self.cells[1] - 1)
-
-    @property
-    def middles(self) -> tuple[Floats, Floats]:
-        """The middles of all cells along x and along y [m]."""
-        along, across = (np.asarray((np.arange(number) + 0.5) * self.table.pitch, float) for number in self.cells)
-        return along + 0.5 * self._rest(0), across + 0.5 * self._rest(1)
-
-    def _rest(self, axis: int) -> float:
-        return self.size[axis] - self.cells[axis] * self.table.pitch
+        return self.grid.cell_at(x, y)
 
     def _prior(self) -> Floats32:
         inside = []
-        for axis, along in enumerate(self.middles):
+        for axis, along in enumerate(self.grid.middles):
             extent = self.table.extents[:, axis, None]
             inside.append((along >= extent) & (along <= self.size[axis] - extent))
         fits = (inside[0][:, :, None] & inside[1][:, None, :]).astype(self.table.hit.dtype)

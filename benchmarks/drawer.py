@@ -71,16 +71,17 @@ def by_oracle(sensor: TraySensor, target: int, seed: tuple[int, int]) -> tuple[i
     decider = sensor.decider()
     while True:
         belief = oracle.belief
-        decision = stop(standing_of(belief), belief.num_touches, sensor.rules) or decider.choose(belief, at, rng)
-        if not isinstance(decision.action, Press):
+        answer = stop(standing_of(belief), belief.num_touches, sensor.rules)
+        action = answer or decider.choose(belief, at, rng).action
+        if not isinstance(action, Press):
             break
-        place = belief.centre(decision.action.cell)
+        place = belief.centre(action.cell)
         travel += float(np.hypot(place[0] - at[0], place[1] - at[1]))
-        at, met = place, keyed.press(*place, rng)
+        at, met = place, keyed.press(*place)
         read = (None, None) if met.image is None else sensor.read(met.image)
-        oracle.told(PlaceTouch(decision.action.cell, met.height, *read), met.met)
+        oracle.told(PlaceTouch(action.cell, met.height, *read), met.met)
     is_there = any(one.shape == target for one in world.objects)
-    return oracle.belief.num_touches, travel, isinstance(decision.action, ConfirmAt) == is_there
+    return oracle.belief.num_touches, travel, isinstance(action, ConfirmAt) == is_there
 
 
 def timed(sensor: TraySensor, searches: int) -> tuple[float, float]:
@@ -98,7 +99,7 @@ def timed(sensor: TraySensor, searches: int) -> tuple[float, float]:
             action: Any = decider.choose(belief, at, rng).action
             decisions.append(time.process_time() - start)
             at = belief.centre(action.cell)
-            met = keyed.press(*at, rng)
+            met = keyed.press(*at)
             read = (None, None) if met.image is None else sensor.read(met.image)
             start = time.process_time()
             belief = belief.update(PlaceTouch(action.cell, met.height, *read))

@@ -32,7 +32,7 @@ def main(arguments: list[str]) -> None:
         shutil.rmtree(ROOT / "build" / "lib", ignore_errors=True)
         subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", holder, str(ROOT)], check=True)
         [wheel] = scratch.glob("*.whl")
-        print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.0f} MB")
+        print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.1f} MB")
         venv.create(scratch / "environment", with_pip=True)
         constraints = ["-c", str(ROOT / "constraints.txt")]
         python = str(scratch / "environment/bin/python")

@@ -209,6 +209,11 @@ class SceneChoice:
     """A copy of MuJoCo Menagerie, with the model of the robot, or, in touch --hand allegro, of the hand that closes."""
 
     @property
+    def is_tray(self) -> bool:
+        """Whether objects lie in a tray: ``drawer``, with or without settings, which is no scene of one object."""
+        return self.scene.partition("(")[0] == "drawer"
+
+    @property
     def left_out(self) -> list[str]:
         """Lines on the files in folders of meshes that are left out, which say why."""
         return self.meshes_read[1]

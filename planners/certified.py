@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.codec import INFINITE, from_fields, to_fields
+from belief.codec import INFINITE, OPTIONAL, from_fields, to_fields
 from belief.constraints import Checked, Count, CountOrNone, Fraction, NotEmpty, Within, check
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument
 from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
@@ -160,6 +160,7 @@ class Certificate(Tabular):
         usual: fit of each calibration search.
         since: fit of each search of the set-up, in their order.
         counted: digests of the sessions of these searches.
+        answers: of searches in a tray, by which the thresholds are in place of numbers of touches.
     """
 
     decider: str
@@ -174,6 +175,7 @@ class Certificate(Tabular):
     usual: tuple[Fit, ...] = field(default=(), repr=False)
     since: tuple[Fit, ...] = field(default=(), repr=False)
     counted: tuple[str, ...] = field(default=(), repr=False)
+    answers: Annotated[tuple[str, ...], OPTIONAL] = ()
 
     def __post_init__(self) -> None:
         check(self)
@@ -194,8 +196,10 @@ class Certificate(Tabular):
     def table(self) -> Table:
         """The thresholds by number of touches, and what is promised."""
         rate = f"P(wrong | confirmed after k touches) ≤ {self.risk:g} for every k"
+        if self.answers:
+            rate = f"P(wrong | answer) ≤ {self.risk:g} for every answer"
         title = f"{self.decider}: {rate}, with confidence {self.confidence:g}, from {self.num_searches} searches"
-        counted = CertifiedThresholds(self.thresholds, self.stops, self.wrong).table()
+        counted = CertifiedThresholds(self.thresholds, self.stops, self.wrong, answers=self.answers).table()
         return replace(counted, title=title, note=self._withdrawal if self.is_withdrawn else counted.note)
 
     @cached_property
@@ -257,6 +261,11 @@ class Certificate(Tabular):
         Raises:
             NotCertified: it was withdrawn, or made for something else; the message says what differs.
         """
+        self.require(made_for)
+        return Certified(decider, self.thresholds, self.max_touches, self.made_for)
+
+    def require(self, made_for: Mapping[str, Any]) -> None:
+        """Check that it holds for what it will be used for; raises as :meth:`wrap`."""
         if self.is_withdrawn:
             raise NotCertified(self._withdrawal)
         if other := self._other(made_for):
@@ -264,7 +273,6 @@ class Certificate(Tabular):
                 f"the certificate does not hold here, because it was made for something else: {other}. "
                 "Make one with activetouch certify"
             )
-        return Certified(decider, self.thresholds, self.max_touches, self.made_for)
 
     def _other(self, made_for: Mapping[str, Any]) -> str:
         """How something differs from what the certificate was made for, in words; empty if it does not."""

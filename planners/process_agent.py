@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import os
 import shlex
 import shutil
@@ -22,17 +23,21 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from threading import Timer
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import BrokenContract
 from belief.policy_state import TOUCH_LIMIT
-from belief.problem import Probe
+from belief.problem import Probe, Reject, Unsure
 from planners.decider import Decider, Decision, InformationState, num_touches
 from planners.episode import ACTIONS
 from planners.other_agents import STATES, decision, observation
+
+if TYPE_CHECKING:
+    from belief.tray import TrayBelief
+    from planners.tray import TrayDecision
 
 SCHEMA = "activetouch agent 1"
 """Version of the lines; the number grows when an agent for an older one could be misled."""
@@ -123,6 +128,43 @@ class ProcessAgent:
 
 
 @dataclass(frozen=True)
+class InTray:
+    """An agent that is asked where to press in a tray (:class:`planners.tray.TrayDecider`)."""
+
+    agent: ProcessAgent
+
+    def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
+        """See :class:`planners.tray.TrayDecider`."""
+        from planners.tray import ConfirmAt, Press, TrayDecision, cover, standing_of  # which no other agent needs
+
+        running, size, labels = _running(self.agent), belief.size, list(belief.table.labels)
+        running.greet({"shapes": labels, "num_objects": belief.num_objects, "size": list(size)})
+        standing = standing_of(belief)
+        request = {
+            "do": "ask",
+            "target": labels[belief.target],
+            "at": list(at),
+            "touches": [list(belief.centre(cell)) for cell in belief.pressed],
+            "places": [{"place": list(place), "prob": prob} for place, prob in standing.places],
+            "unfound": standing.unfound,
+            "absent": standing.absent,
+            "chances": cover(belief, belief.worlds[0])[0].round(4).tolist(),
+        }
+        given = running.answer(request, _PATIENCE)
+        action, place = given.get("action"), given.get("place")
+        if action in ("reject", "unsure"):
+            return TrayDecision(Reject() if action == "reject" else Unsure())
+        if action in ("touch", "confirm") and isinstance(place, list) and len(place) == 2:
+            x, y = (one if isinstance(one, int | float) else math.nan for one in place)
+            if 0.0 <= x <= size[0] and 0.0 <= y <= size[1]:
+                return TrayDecision(Press(belief.cell_at(x, y)) if action == "touch" else ConfirmAt((x, y)))
+        raise BrokenContract(
+            f'{self.agent.command:.80} answered {given!r:.200}; an answer is {{"action": "touch", "place": [x, y]}} or '
+            f'"confirm", with a place in the tray of {size[0]} x {size[1]} m, or {{"action": "reject"}} or "unsure"'
+        )
+
+
+@dataclass(frozen=True)
 class _InEpisode:
     """An agent in an episode; the world shows what was felt last."""
 
@@ -149,6 +191,7 @@ class _Running:
     def __init__(self, agent: ProcessAgent) -> None:
         self.agent, self.numbers = agent, itertools.count()
         self._wish: _Wish | None = None
+        self._greeted: dict[str, Any] | None = None
         words = shlex.split(agent.command)
         if not words:
             raise BrokenContract("the command of an agent is empty")
@@ -170,15 +213,13 @@ class _Running:
         if self._wish is None:
             problem = info.problem
             hello = {
-                "do": "hello",
-                "schema": SCHEMA,
                 "shapes": list(problem.shape_labels),
                 "poses": list(problem.pose_labels),
                 "num_objects": problem.num_objects,
                 "touch_limit": problem.touch_limit,
                 "touch_cost": problem.touch_cost,
             }
-            given = self.answer(hello, 3 * _PATIENCE)
+            given = self.greet(hello)
             wish = _Wish(*(given.get(name, default) for name, default in vars(_Wish()).items()))
             if wish.state not in ("", *STATES) or not isinstance(wish.sees_target, bool):
                 raise BrokenContract(f'"state" of an answer to hello is one of {", ".join(STATES)}; got {given!r:.200}')
@@ -186,6 +227,12 @@ class _Running:
                 raise BrokenContract(f'"touch_limit" of an answer to hello is a number ≥ 1; got {given!r:.200}')
             self._wish = wish
         return self._wish
+
+    def greet(self, hello: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer to a greeting, which is asked for once."""
+        if self._greeted is None:
+            self._greeted = self.answer({"do": "hello", "schema": SCHEMA, **hello}, 3 * _PATIENCE)
+        return self._greeted
 
     def answer(self, request: Mapping[str, Any], patience: float) -> dict[str, Any]:
         """The answer to a line; the program is killed if it takes too long."""

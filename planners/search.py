@@ -248,10 +248,6 @@ def identify(
     labels, poses = tuple(model.shape_labels), tuple(pose_labels)
     rules = {"touch_limit": max_touches, "unsure_reward": 0.0, "unlisted": unlisted, "opinion": opinion}
     problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, **rules)  # type: ignore[arg-type]
-    rule = _Certain(threshold, max_touches)
-    problem = SearchProblem(
-        labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0, unlisted=unlisted
-    )
     rule = _Certain(threshold, max_touches, until)
     player: Decider
     if isinstance(decider, ProbeSelector):

@@ -21,44 +21,40 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.bayes import Belief
-from belief.errors import CorruptFile, InvalidArgument
+from belief.errors import InvalidArgument
 from belief.naming import NONE_OF_THESE, UNKNOWN, UNLISTED, Name, index_of, one_line
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
 from belief.scene_belief import SceneView
 from belief.search_progress import Outcome, SearchProgress
-from belief.seeding import checked_key, deciding_rng
 from planners.decider import Decider, Decision, InformationState, checked_decision
 from planners.episode import MOVED, Episode, Step
 from planners.session_log import (
     SCHEMA,
+    AskAndTell,
     ImageReader,
     Listener,
-    OtherModel,
     Told,
     decider_fields,
-    differences,
     digests,
     event_fields,
-    events_from,
     problem_fields,
     problem_from,
-    require_same,
+    reading,
+    require_digests,
     standing_of,
+    told_from,
 )
-
-if TYPE_CHECKING:
-    from belief.journal import Journal
+from planners.session_log import AlreadyTold as AlreadyTold  # documented here
 
 
 class SessionSettings(TypedDict, total=False):
@@ -71,11 +67,7 @@ class SessionSettings(TypedDict, total=False):
     least_area: float | None
 
 
-class AlreadyTold(InvalidArgument):
-    """A question was answered twice, or an answer came late; nothing has changed."""
-
-
-class Session:
+class Session(AskAndTell[Told]):
     """A search that asks for touches and is told what was felt.
 
     The same seed and the same touches give the same actions as :func:`planners.search.search`, to the last bit, also if
@@ -100,16 +92,15 @@ class Session:
     Attributes:
         problem: the search, with the answer Unsure if the decider may give it.
         model: likelihood of touches.
-        seed: seed of the decider, as a tuple.
         target: index of the shape sought.
         decider: the decider that chooses the actions, in :class:`planners.abstaining.Abstaining` if it may be unsure.
-
-    A copy of a session goes on by itself, from the same state and without the log.
 
     Raises:
         UnknownName: no shape has the target's name.
         ValueError: a target, a seed or a number out of range; arguments that do not fit each other.
     """
+
+    schema = SCHEMA
 
     def __init__(
         self,
@@ -133,25 +124,18 @@ class Session:
 
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
             problem = problem.with_unsure()
-        self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
+        super().__init__(seed)
+        self.target = index_of("target", problem.shape_labels, target)
         self._progress = SearchProgress(problem, model, prior, target=self.target, log_bets=log_bets)
         self.problem, self.model = self._progress.problem, model
         self._may_move = getattr(model, "moves", None) is not None
         self.decider, self._log_bets, self._prior = decider, log_bets, prior
         self._listener = Listener(self.problem, model, reader, least_force, least_area)
-        self._journal: Journal | None = None
         self.arrangement = self._shapes([None] * self.problem.num_objects if arrangement is None else arrangement)
-        self._rng = deciding_rng(self.seed)
-        self._events: list[Told | None] = []  # None: the last one that stands is taken back
         self._steps: list[Step] = []
-        self._asked: Decision | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_journal": None, "_progress": None, "_rng": deciding_rng(self.seed)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._restore(list(self._events))
+        return {**super().__getstate__(), "_progress": None}
 
     def __repr__(self) -> str:
         now = str(self.outcome) if self.outcome is not None else repr(self.belief)
@@ -215,34 +199,7 @@ class Session:
         told = self._listener.told(*asked, touch, image, missed, pose, force, area)
         if told.kind != "done" and not self._progress.may_touch:
             raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
-        self._apply(told)
-        if self._journal is not None:
-            try:
-                self._journal.append(event_fields(told, self.problem))
-            except BaseException:
-                self._restore(self._events)
-                raise
-        self._events.append(told)
-
-    def undo(self) -> str:
-        """Take back what was told last: a touch that was a mistake, a miss, or that an action was carried out.
-
-        :meth:`ask` then asks the same as before it.
-
-        Returns:
-            What was taken back: touch, miss or done.
-
-        Raises:
-            InvalidArgument: nothing was told.
-            CannotWrite: the log cannot be written; nothing has changed.
-        """
-        standing, _ = standing_of(self._events)
-        if not standing:
-            raise InvalidArgument("nothing was told yet that undo() could take back")
-        if self._journal is not None:
-            self._journal.append(event_fields(None, self.problem))
-        self._restore([*self._events, None])
-        return standing[-1].kind
+        self._take(told)
 
     def reveal(self, arrangement: Sequence[Name | None]) -> None:
         """Say which shapes the objects really have, for scoring and for recordings; it is no evidence.
@@ -255,19 +212,13 @@ class Session:
             InvalidArgument: not one for every object, or an index out of range.
         """
         shapes = self._shapes(arrangement)
-        if self._journal is not None:
-            self._journal.append({"told": "truth", "arrangement": self._named(shapes), "time": time.time()})
+        self._reveal(arrangement=self._named(shapes))
         self.arrangement = shapes
-
-    @property
-    def step(self) -> int:
-        """Number of the question: how often something was told or taken back."""
-        return len(self._events)
 
     @property
     def digest(self) -> str:
         """Digest of what was told first, and when: the same for a session, its copies and its log, whatever follows."""
-        first = [event_fields(told, self.problem) for told in self._events[:1]]
+        first = [self._line(told) for told in self._events[:1]]
         return hashlib.sha256(json.dumps([self.seed, self.target, first], sort_keys=True).encode()).hexdigest()
 
     @property
@@ -338,24 +289,6 @@ class Session:
         """Number of touches of the current object in a pose."""
         return self._progress.uses(pose)
 
-    def save(self, path: str | Path) -> None:
-        """Write all that was told into a new file, which from now on is the session's log.
-
-        Every :meth:`tell` is then on disk before the next action is asked for.
-
-        Raises:
-            CannotWrite: the file exists and is not this session's log, or it cannot be written.
-        """
-        if self._journal is not None and self._journal.path == Path(path).resolve():
-            return
-        from belief.journal import Journal
-
-        lines = [event_fields(told, self.problem) for told in self._events]
-        header = {"schema": SCHEMA, "time": time.time(), **self.set_up}
-        journal = Journal.create(Path(path).resolve(), [header, *lines])
-        self.close()
-        self._journal = journal
-
     @classmethod
     def load(
         cls, path: str | Path, *, model: ObservationModel, decider: Decider, reader: ImageReader | None = None
@@ -373,40 +306,20 @@ class Session:
             OtherModel: it was made with another model, reader, decider or certificate.
             CannotWrite: it cannot be written, or another process has it open.
         """
-        from belief.journal import Journal
+        from belief.journal import read_journal
 
         path = Path(path).resolve()
-        journal, (header, *lines) = Journal.opened(path)
-        try:
-            require_same(header, model, reader)
+        header, *_ = read_journal(path)
+        with reading(path):
+            require_digests(header, digests(model, reader))
             problem, target, seed = problem_from(header["problem"]), header["target"], header["seed"]
             settings = ("arrangement", "abstain", "log_bets", "least_force", "least_area")
             given = {name: header[name] for name in settings}
             if "prior" in header:
                 given["prior"] = Belief.from_probs(problem.shape_labels, header["prior"])
             session = cls(problem, decider, target, model, seed, reader=reader, **given)
-            now = session.set_up
-            if header.get("stop_rule", now["stop_rule"]) != now["stop_rule"]:  # older logs have none, and no decider
-                raise OtherModel("the session began with another certificate, or without one; give the same again")
-            if other := differences({"decider": header.get("decider", now["decider"])}, now):
-                raise OtherModel(f"the session began with another decider: {'; '.join(other)}; give the same again")
-            events, truth = events_from(lines, session.problem, reader)
-            session._restore(events)
-            session.arrangement = session.arrangement if truth is None else session._shapes(truth)
-        except OtherModel as error:
-            journal.close()
-            raise OtherModel(f"{path}: {error}") from None
-        except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            journal.close()
-            raise CorruptFile(f"{path} is no log of a session: {error}") from error
-        session._journal = journal
+        session.resume(path)
         return session
-
-    def close(self) -> None:
-        """Let go of the log, which another process can then load; the session goes on without one."""
-        if self._journal is not None:
-            self._journal.close()
-        self._journal = None
 
     def _apply(self, told: Told) -> None:
         """Count an answer; after an error, nothing has changed."""
@@ -427,27 +340,23 @@ class Session:
         # A miss that is no evidence changes nothing that the decider sees: the same is asked for again.
         self._asked = told.asked if told.is_miss and told.touch is None and progress.may_touch else None
 
-    def _restore(self, events: list[Told | None]) -> None:
-        """Begin again and count all answers, with the same sums in the same order."""
+    def _rewind(self) -> None:
         self._progress = SearchProgress(self.problem, self.model, self._prior, log_bets=self._log_bets)
-        self._events, self._steps, self._asked = events, [], None
-        standing, undone = standing_of(events)
-        for told in standing:
-            self._apply(told)
-        if undone is not None:
-            self._asked = undone.asked
-        if (last := undone or (standing[-1] if standing else None)) is not None:
-            self._rng.bit_generator.state = last.rng
-        else:
-            self._rng = deciding_rng(self.seed)
+        self._steps = []
+
+    def _restore(self, events: list[Told | None]) -> None:
+        super()._restore(events)
         if not self._progress.may_touch:
             self.ask()  # where the touch limit ended the search, its outcome is known again
 
-    def _require_step(self, step: int | None) -> None:
-        if step is not None and (type(step) is not int or not 0 <= step <= self.step):
-            raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
-        if step is not None and step < self.step:
-            raise AlreadyTold(f"step {step} was answered before, the session is at step {self.step}; nothing changed")
+    def _fields(self, told: Told) -> dict[str, Any]:
+        return event_fields(told, self.problem)
+
+    def _answer_from(self, line: Mapping[str, Any]) -> Told:
+        return told_from(line, self.problem, self._listener.reader)
+
+    def _learn(self, truth: Mapping[str, Any]) -> None:
+        self.arrangement = self._shapes(truth["arrangement"])
 
     def _shapes(self, arrangement: Sequence[Name | None]) -> tuple[int, ...]:
         labels, number = self.problem.shape_labels, self.problem.num_objects

@@ -1,33 +1,291 @@
-"""Answers of a robot to a session, their meaning, and the lines of the session's log (docs/session_log.md)."""
+"""What sessions of all kinds of searches share, and the answers and lines of a log of searches among objects.
+
+A session numbers its questions and keeps all answers, so that :meth:`AskAndTell.undo` and a log (docs/session_log.md)
+lead to the same state again, by the same sums in the same order.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 import time
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
 from belief.composition import AtMostOne, Composition, Counts
 from belief.constraints import NOT_NEGATIVE, NotNegative, check, require_rule
-from belief.errors import InvalidArgument
+from belief.errors import CorruptFile, InvalidArgument
 from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
+from belief.search_progress import Outcome
+from belief.seeding import checked_key, deciding_rng
 from belief.validation import are_finite, require_index
 from planners.decider import Decision
 from planners.episode import ACTION_NAMES, ACTIONS
 
+if TYPE_CHECKING:
+    from belief.journal import Journal
+
 SCHEMA = "activetouch session 1"
 """First field of the first line; the number grows when a reader of older logs could be misled."""
+
+_NOT_OF_THE_SEARCH = {"schema", "time", "arrangement", "decider", "stop_rule", "model_sha256", "reader_sha256"}
 
 
 class OtherModel(InvalidArgument):
     """A log was made with another observation model, reader or decider; the search would not be the same."""
+
+
+class AlreadyTold(InvalidArgument):
+    """A question was answered twice, or an answer came late; nothing has changed."""
+
+
+class Answer(Protocol):
+    """What was told in answer to one question."""
+
+    @property
+    def asked(self) -> Any:
+        """The decision that was answered; None where nothing was asked."""
+
+    @property
+    def rng(self) -> Mapping[str, Any]:
+        """State of the decider's generator after that decision."""
+
+    @property
+    def kind(self) -> str:
+        """Kind of the answer: touch, miss or done."""
+
+
+AnswerT = TypeVar("AnswerT", bound=Answer)
+
+
+def standing_of(events: Sequence[AnswerT | None]) -> tuple[list[AnswerT], AnswerT | None]:
+    """The answers that were not taken back, and the one that the last event took back, if it did."""
+    standing: list[AnswerT] = []
+    undone = None
+    for event in events:
+        undone = standing.pop() if event is None else None
+        if event is not None:
+            standing.append(event)
+    return standing, undone
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Errors of what a log holds are CorruptFile, or OtherModel."""
+    try:
+        yield
+    except OtherModel as error:
+        raise OtherModel(f"{path}: {error}") from None
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise CorruptFile(f"{path} is no log of a session: {error}") from error
+
+
+class AskAndTell(ABC, Generic[AnswerT]):
+    """A search whose actions somebody else carries out: the part that knows nothing of what is searched.
+
+    A copy of a session goes on by itself, from the same state and without the log.
+
+    Attributes:
+        seed: seed of the decider, as a tuple.
+    """
+
+    schema: ClassVar[str]
+    """First field of a log; its number grows when a reader of older logs could be misled."""
+
+    def __init__(self, seed: int | Sequence[int]) -> None:
+        self.seed = checked_key(seed)
+        self._journal: Journal | None = None
+        self._rng = self._seeded()
+        self._events: list[AnswerT | None] = []  # None: the last one that stands is taken back
+        self._asked: Any = None  # the decision that waits for its answer
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_journal": None, "_rng": self._seeded()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._restore(list(self._events))
+
+    @property
+    @abstractmethod
+    def outcome(self) -> Outcome | None:
+        """How the search ended; None while it goes on."""
+
+    @property
+    @abstractmethod
+    def set_up(self) -> dict[str, Any]:
+        """What the session began with, as JSON types: the fields of the first line of its log.
+
+        Among them are ``decider``, ``stop_rule``, ``model_sha256`` and ``reader_sha256``.
+        """
+
+    @abstractmethod
+    def _rewind(self) -> None:
+        """Go to the state before the first answer."""
+
+    @abstractmethod
+    def _apply(self, told: AnswerT) -> None:
+        """Count an answer; after an error, nothing has changed."""
+
+    @abstractmethod
+    def _fields(self, told: AnswerT) -> dict[str, Any]:
+        """The line of an answer in the log."""
+
+    @abstractmethod
+    def _answer_from(self, line: Mapping[str, Any]) -> AnswerT:
+        """The answer in a line of the log."""
+
+    @abstractmethod
+    def _learn(self, truth: Mapping[str, Any]) -> None:
+        """Take over the truth that a line of the log reveals."""
+
+    def _seeded(self) -> np.random.Generator:
+        """The decider's generator before the first question."""
+        return deciding_rng(self.seed)
+
+    @property
+    def step(self) -> int:
+        """Number of the question: how often something was told or taken back."""
+        return len(self._events)
+
+    @property
+    def last_told(self) -> str | None:
+        """Kind of the last answer that was not taken back: touch, miss or done; None before the first."""
+        standing, _ = standing_of(self._events)
+        return standing[-1].kind if standing else None
+
+    def undo(self) -> str:
+        """Take back what was told last: a touch that was a mistake, a miss, or that an action was carried out.
+
+        :meth:`ask` then asks the same as before it.
+
+        Returns:
+            What was taken back: touch, miss or done.
+
+        Raises:
+            InvalidArgument: nothing was told.
+            CannotWrite: the log cannot be written; nothing has changed.
+        """
+        if (kind := self.last_told) is None:
+            raise InvalidArgument("nothing was told yet that undo() could take back")
+        if self._journal is not None:
+            self._journal.append(self._line(None))
+        self._restore([*self._events, None])
+        return kind
+
+    def save(self, path: str | Path) -> None:
+        """Write all that was told into a new file, which from now on is the session's log.
+
+        Every :meth:`tell` is then on disk before the next action is asked for.
+
+        Raises:
+            CannotWrite: the file exists and is not this session's log, or it cannot be written.
+        """
+        if self._journal is not None and self._journal.path == Path(path).resolve():
+            return
+        from belief.journal import Journal
+
+        header = {"schema": self.schema, "time": time.time(), **self.set_up}
+        journal = Journal.create(Path(path).resolve(), [header, *map(self._line, self._events)])
+        self.close()
+        self._journal = journal
+
+    def resume(self, path: str | Path) -> None:
+        """Go on with the search of a log, in the same file; only before anything was told.
+
+        Raises:
+            CorruptFile: it is no log of a session, or was changed after it was written.
+            OtherModel: it was made with another model, reader, decider or certificate.
+            InvalidArgument: it is of another search, or something was told to this one.
+            CannotWrite: it cannot be written, or another process has it open.
+        """
+        if self._events:
+            raise InvalidArgument("a session that was told something cannot go on with a log")
+        from belief.journal import Journal
+
+        path = Path(path).resolve()
+        journal, (header, *lines) = Journal.opened(path)
+        try:
+            with reading(path):
+                if (schema := header.get("schema")) != self.schema:
+                    raise ValueError(f"its schema is {schema!r:.60}, not {self.schema!r}")
+                other = require_same(header, json.loads(json.dumps(self.set_up)))
+            if other:
+                raise InvalidArgument(f"{path} is the log of another search: {'; '.join(other)}")
+            with reading(path):
+                truths = [line for line in lines if line["told"] == "truth"]
+                told = [line for line in lines if line["told"] != "truth"]
+                self._restore([None if line["told"] == "undo" else self._answer_from(line) for line in told])
+                if truths:
+                    self._learn(truths[-1])
+        except BaseException:
+            journal.close()
+            self._restore([])
+            raise
+        self.close()
+        self._journal = journal
+
+    def begun(self, log: str | Path | None) -> Self:
+        """This session with a log: a new one, or one that it goes on with (:meth:`resume`)."""
+        if log is not None:
+            (self.resume if Path(log).exists() else self.save)(log)
+        return self
+
+    def close(self) -> None:
+        """Let go of the log, which another process can then load; the session goes on without one."""
+        if self._journal is not None:
+            self._journal.close()
+        self._journal = None
+
+    def _take(self, told: AnswerT) -> None:
+        """Count an answer and write it; after an error, nothing has changed."""
+        self._apply(told)
+        if self._journal is not None:
+            try:
+                self._journal.append(self._line(told))
+            except BaseException:
+                self._restore(self._events)
+                raise
+        self._events.append(told)
+
+    def _reveal(self, **truth: Any) -> None:
+        """Write what is true, which is no evidence."""
+        if self._journal is not None:
+            self._journal.append({"told": "truth", **truth, "time": time.time()})
+
+    def _line(self, told: AnswerT | None) -> dict[str, Any]:
+        return {"told": "undo", "time": time.time()} if told is None else self._fields(told)
+
+    def _restore(self, events: list[AnswerT | None]) -> None:
+        """Begin again and count all answers, with the same sums in the same order."""
+        self._events, self._asked = events, None
+        self._rewind()
+        standing, undone = standing_of(events)
+        for told in standing:
+            self._apply(told)
+        if undone is not None:
+            self._asked = undone.asked
+        if (last := undone or (standing[-1] if standing else None)) is not None:
+            self._rng.bit_generator.state = last.rng
+        else:
+            self._rng = self._seeded()
+
+    def _require_step(self, step: int | None) -> None:
+        if step is not None and (type(step) is not int or not 0 <= step <= self.step):
+            raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
+        if step is not None and step < self.step:
+            raise AlreadyTold(f"step {step} was answered before, the session is at step {self.step}; nothing changed")
 
 
 class ImageReader(Protocol):
@@ -142,17 +400,6 @@ class Listener:
         return f"a touch in pose {self.problem.pose_labels[action.pose]}" if isinstance(action, Probe) else f"{action}"
 
 
-def standing_of(events: Sequence[Told | None]) -> tuple[list[Told], Told | None]:
-    """The answers that were not taken back, and the one that the last event took back, if it did."""
-    standing: list[Told] = []
-    undone = None
-    for event in events:
-        undone = standing.pop() if event is None else None
-        if event is not None:
-            standing.append(event)
-    return standing, undone
-
-
 def _is_within(number: float | None, limit: float | None) -> bool:
     return number is not None and limit is not None and number <= limit
 
@@ -164,10 +411,8 @@ def _not_negative(name: str, value: float | None) -> float | None:
     return float(value)
 
 
-def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
-    """A line of the log; None takes back the last answer that stands."""
-    if told is None:
-        return {"told": "undo", "time": time.time()}
+def event_fields(told: Told, problem: SearchProblem) -> dict[str, Any]:
+    """A line of the log."""
     action, touch, poses = told.asked.action, told.touch, problem.pose_labels
     line: dict[str, Any] = {
         "told": told.kind,
@@ -213,20 +458,6 @@ def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageRead
     at = line["object"]
     require_index("object", at, problem.num_objects)
     return Told(decision, line["rng"], at, touch, kind == "miss", arrays["image"], time=float(line["time"]), **numbers)
-
-
-def events_from(
-    lines: Sequence[Mapping[str, Any]], problem: SearchProblem, reader: ImageReader | None = None
-) -> tuple[list[Told | None], list[str | None] | None]:
-    """All events of a session, and the true shapes if they were revealed."""
-    events: list[Told | None] = []
-    truth = None
-    for line in lines:
-        if line["told"] == "truth":
-            truth = line["arrangement"]
-        else:
-            events.append(None if line["told"] == "undo" else told_from(line, problem, reader))
-    return events, truth
 
 
 def problem_fields(problem: SearchProblem) -> dict[str, Any]:
@@ -296,12 +527,22 @@ def digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, st
     return {"model_sha256": digest, "reader_sha256": None if reader is None else reader.identity}
 
 
-def require_same(header: Mapping[str, Any], model: ObservationModel, reader: ImageReader | None) -> None:
-    """Check that a log can be continued with this model and reader."""
-    if (schema := header.get("schema")) != SCHEMA:
-        raise ValueError(f"its schema is {schema!r:.60}, not {SCHEMA!r}")
-    for what, digest in digests(model, reader).items():
-        if header[what] is not None and header[what] != digest:
-            raise OtherModel(
-                f"the session began with another {what.removesuffix('_sha256')} than this one; give its own sensor"
-            )
+def require_digests(header: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Check that a log can be continued with a model and a reader of these :func:`digests`."""
+    for what in ("model", "reader"):
+        digest = header[f"{what}_sha256"]
+        if digest is not None and digest != now[f"{what}_sha256"]:
+            raise OtherModel(f"the session began with another {what} than this one; give its own sensor")
+
+
+def require_same(header: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Check that a log can be continued by a session with a set-up; returns how the search differs, in words."""
+    require_digests(header, now)
+    if header.get("stop_rule", now["stop_rule"]) != now["stop_rule"]:  # older logs have none, and no decider
+        raise OtherModel("the session began with another certificate, or without one; give the same again")
+    of_search = {name: value for name, value in header.items() if name not in _NOT_OF_THE_SEARCH}
+    if other := differences(of_search, now):
+        return other
+    if other := differences({"decider": header.get("decider", now["decider"])}, now):
+        raise OtherModel(f"the session began with another decider: {'; '.join(other)}; give the same again")
+    return []

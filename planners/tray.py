@@ -6,6 +6,7 @@ A decider sees a :class:`belief.tray.TrayBelief` and where the pad is, and answe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -56,7 +57,8 @@ class TrayRules(Checked):
 
     Attributes:
         travel: cost of a metre of travel, in touches.
-        sure: stated probability from which the target is confirmed, or said to be absent.
+        sure: stated probability from which the target is confirmed.
+        sure_absent: that from which it is said to be absent; ``sure`` by default.
         most_touches: after which the answer is "I do not know".
         least_gain: expected information about the answer [nats] below which no press is worth a touch, so that the
             answer is "I do not know"; asked by ``information_per_cost``.
@@ -64,6 +66,7 @@ class TrayRules(Checked):
 
     travel: NotNegative = 20.0
     sure: Share = 0.95
+    sure_absent: Share | None = None
     most_touches: Count = 150
     least_gain: NotNegative = 0.005
 
@@ -92,20 +95,20 @@ class Standing(NamedTuple):
         return self.places[0][1] if self.places else 0.0
 
 
-def stop(standing: Standing, num_touches: int, rules: TrayRules) -> TrayDecision | None:
+def stop(standing: Standing, num_touches: int, rules: TrayRules) -> ConfirmAt | Reject | Unsure | None:
     """The answer, if one is probable enough; None as long as none is."""
     if standing.target >= rules.sure:
-        return TrayDecision(ConfirmAt(standing.places[0][0]), {"stated": standing.target})
-    if standing.absent >= rules.sure:
-        return TrayDecision(Reject(), {"stated": standing.absent})
-    if num_touches >= rules.most_touches:
-        return TrayDecision(Unsure(), {"stated": stated(standing)})
-    return None
+        return ConfirmAt(standing.places[0][0])
+    if standing.absent >= (rules.sure if rules.sure_absent is None else rules.sure_absent):
+        return Reject()
+    return Unsure() if num_touches >= rules.most_touches else None
 
 
-def stated(standing: Standing) -> float:
-    """Probability of the likeliest answer."""
-    return max(standing.target, standing.absent)
+def stated(standing: Standing, action: ConfirmAt | Reject | Unsure) -> float:
+    """Probability of an answer; of the likeliest one for Unsure."""
+    if isinstance(action, ConfirmAt):
+        return sum(prob for at, prob in standing.places if math.dist(at, action.place) < SAME_PLACE)
+    return standing.absent if isinstance(action, Reject) else max(standing.target, standing.absent)
 
 
 def standing_of(belief: TrayBelief) -> Standing:
@@ -188,7 +191,7 @@ class InformationPerCost:
         index = np.where(allowed, gains / cost, -1.0)
         best = int(index.argmax())
         if gains[allowed].max() < self.rules.least_gain:
-            return TrayDecision(Unsure(), {"stated": stated(standing_of(belief))})
+            return TrayDecision(Unsure())
         return TrayDecision(_press(np.array(np.unravel_index(best, index.shape))), {"gain": float(gains.ravel()[best])})
 
     def _in(self, belief: TrayBelief, world: World, rng: np.random.Generator) -> Floats:
@@ -273,12 +276,14 @@ class RasterThenIdentify:
     Attributes:
         rules: of the search.
         outcomes: of touches.
+        named: probability of its shape from which an object is named.
         spacing: distance of the rows, and of the presses along them [m].
         most_touches: of one object, after which the raster goes on.
     """
 
     rules: TrayRules
     outcomes: PlaceOutcomes
+    named: float = 0.95
     spacing: float = 0.036
     most_touches: int = 20
 
@@ -286,7 +291,7 @@ class RasterThenIdentify:
         """See :class:`TrayDecider`."""
         for one in belief.worlds[0].found:
             named = float(np.exp(one.evidence.max() - np.logaddexp.reduce(one.evidence)))
-            if named < self.rules.sure and one.touches < self.most_touches:
+            if named < self.named and one.touches < self.most_touches:
                 likeliest = int(one.evidence.argmax())
                 look = InformationPerCost(self.rules, self.outcomes)
                 cells, gain = look.of_found(replace(belief, target=likeliest), one, named, rng)
@@ -373,7 +378,7 @@ def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
     margin = belief.table.half_width - 1e-9
     sides = [
         (middles >= margin) & (middles <= size - margin)
-        for middles, size in zip(belief.middles, belief.size, strict=True)
+        for middles, size in zip(belief.grid.middles, belief.size, strict=True)
     ]
     allowed = np.asarray(sides[0][:, None] & sides[1])
     if belief.pressed:
@@ -383,7 +388,7 @@ def _allowed(belief: TrayBelief) -> NDArray[np.bool_]:
 
 def _distances(belief: TrayBelief, at: tuple[float, float]) -> Floats:
     """Of all cells from a place [m], ``(X, Y)``."""
-    along, across = belief.middles
+    along, across = belief.grid.middles
     return np.hypot((along - at[0])[:, None], across - at[1])
 
 

@@ -2,36 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import dataclasses
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
+from belief.naming import NONE_OF_THESE, index_of
 from belief.problem import Reject, Unsure
-from belief.seeding import checked_key
+from belief.search_progress import Outcome
+from belief.statistics.stop_thresholds import CandidateStops
 from belief.tray import PlaceTouch, TrayBelief
 from belief.validation import are_finite
-from planners.tray import ConfirmAt, Press, Standing, TrayDecider, TrayDecision, TrayRules, standing_of, stop
+from planners.session_log import AskAndTell, decider_fields
+from planners.tray import (
+    ConfirmAt,
+    Press,
+    TrayDecider,
+    TrayDecision,
+    TrayRules,
+    standing_of,
+    stated,
+    stop,
+)
 
-Reads = Callable[[NDArray[np.uint8]], tuple[NDArray[np.floating], float | None]]
-"""Reads an image: its embedding, and its level, see :class:`belief.tray.PlaceTouch`."""
+TrayAction: TypeAlias = Press | ConfirmAt | Reject | Unsure
+Lies: TypeAlias = tuple[str, float, float]
+"""Shape and place (x, y) of an object [m]."""
+SCHEMA = "activetouch tray session 1"
+"""First field of the first line of a log; the number grows when a reader of older logs could be misled."""
 _PARKED = (0.0, 0.0)
 """Where the pad is at first [m]."""
+_WORDS: Mapping[type, str] = {Press: "touch", ConfirmAt: "confirm", Reject: "reject", Unsure: "unsure"}
+OUTCOMES = {ConfirmAt: Outcome.CONFIRMED, Reject: Outcome.EXHAUSTED, Unsure: Outcome.UNSURE}
+"""How an answer ends a search."""
 
 
 class TrayStep(NamedTuple):
     """One press of a search: place [m], height of the contact [m], None for a miss, and probabilities after it.
 
-    ``target`` is the largest probability of a found object to be the target, ``absent`` that of its absence.
+    ``target`` is the largest probability of a found object to be the target, ``where`` the place of that object [m],
+    and ``absent`` the probability that the target is absent.
     """
 
     place: tuple[float, float]
     height: float | None
     target: float
     absent: float
+    where: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,14 +94,40 @@ class TrayEpisode:
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
 
 
-class Presses(Protocol):
-    """A tray that can be touched."""
+class TrayReader(Protocol):
+    """Reads the images that a session is given; a sensor for trays is one."""
 
-    def press(self, x: float, y: float, rng: np.random.Generator) -> Met:
-        """What the pad meets at a place [m]."""
+    @property
+    def identity(self) -> str:
+        """Digest of everything that determines its readings and the beliefs."""
+
+    def read(self, image: Any) -> tuple[NDArray[np.floating], float | None]:
+        """The embedding of an image, and its level, see :class:`belief.tray.PlaceTouch`."""
 
 
-class TraySession:
+@dataclass(frozen=True, eq=False)
+class TrayTold:
+    """The answer of a robot to one question.
+
+    ``rng`` is the state of the decider's generator after the decision ``asked``, which is None where a press came
+    unasked. ``place`` and ``touch`` are None for an action that is no press; ``image`` is what a touch was read from.
+    ``time`` is in s since 1970.
+    """
+
+    asked: TrayDecision | None
+    rng: Mapping[str, Any]
+    place: tuple[float, float] | None = None
+    touch: PlaceTouch | None = None
+    image: NDArray[np.uint8] | None = None
+    time: float = 0.0
+
+    @property
+    def kind(self) -> str:
+        """Kind of the answer: touch, miss or done."""
+        return "done" if self.touch is None else "miss" if self.touch.embedding is None else "touch"
+
+
+class TraySession(AskAndTell[TrayTold]):
     """A search in a tray whose touches somebody else makes, such as a robot.
 
     Args:
@@ -87,13 +135,15 @@ class TraySession:
         decider: chooses where to press.
         rules: when to stop, and what travel costs.
         seed: of the decider.
-        read: reads an image; needed by :meth:`tell` with ``image=``.
+        reader: reads images; needed by :meth:`tell` with ``image=``.
 
     Attributes:
         belief: after all touches.
-        steps: presses so far.
         standing: where the target may be, by the belief.
+        objects: true shape and place of each object, for scoring only; empty where nobody knows (:meth:`reveal`).
     """
+
+    schema = SCHEMA
 
     def __init__(
         self,
@@ -101,31 +151,53 @@ class TraySession:
         decider: TrayDecider,
         rules: TrayRules,
         seed: int | Sequence[int] = 0,
-        read: Reads | None = None,
+        reader: TrayReader | None = None,
     ) -> None:
-        self.belief, self.decider, self.rules, self.read = belief, decider, rules, read
-        self.steps: list[TrayStep] = []
-        self.standing: Standing = standing_of(belief)
-        self._rng = np.random.default_rng(checked_key(seed))
-        self._asked: TrayDecision | None = None
-        self._start = belief
-        self._told: list[tuple[PlaceTouch, Any]] = []  # touches, with the state of the generator before each
+        super().__init__(seed)
+        self._start, self.decider, self.rules, self.reader = belief, decider, rules, reader
+        self.objects: tuple[Lies, ...] = ()
+        self._rewind()
+
+    def _seeded(self) -> np.random.Generator:
+        return np.random.default_rng(self.seed)
+
+    def _rewind(self) -> None:
+        self.belief, self.standing = self._start, standing_of(self._start)
+        self._steps: list[TrayStep] = []
+        self._answer: ConfirmAt | Reject | Unsure | None = None
+
+    @property
+    def steps(self) -> tuple[TrayStep, ...]:
+        """Presses so far."""
+        return tuple(self._steps)
 
     @property
     def at(self) -> tuple[float, float]:
         """Where the pad is (x, y) [m]."""
-        return self.steps[-1].place if self.steps else _PARKED
+        return self._steps[-1].place if self._steps else _PARKED
 
-    def ask(self) -> TrayDecision:
-        """The next action, the same until :meth:`tell`; its ``action`` is a press, or the answer that ends the search.
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the search ended: confirmed, exhausted (the target is absent) or unsure; None while it goes on."""
+        return None if self._answer is None else OUTCOMES[type(self._answer)]
 
-        A press has the cell of the tray; :meth:`place` has where that is.
+    def ask(self) -> TrayAction | None:
+        """The next action, the same until it is told that it was carried out; None when the search has ended.
+
+        A press has the cell of the tray; :meth:`place` has where that is. Any other action ends the search.
         """
-        if self._asked is None:
-            self._asked = self.stopped() or self.decider.choose(self.belief, self.at, self._rng)
-        return self._asked
+        return None if (decision := self.decision) is None else decision.action
 
-    def stopped(self) -> TrayDecision | None:
+    @property
+    def decision(self) -> TrayDecision | None:
+        """The action that :meth:`ask` returns, with the scores that explain it."""
+        if self._asked is None and self._answer is None:
+            answer = self.stopped()
+            self._asked = TrayDecision(answer) if answer else self.decider.choose(self.belief, self.at, self._rng)
+        asked: TrayDecision | None = self._asked
+        return asked
+
+    def stopped(self) -> ConfirmAt | Reject | Unsure | None:
         """The answer that ends the search; None as long as none is probable enough."""
         return stop(self.standing, self.belief.num_touches, self.rules)
 
@@ -135,31 +207,44 @@ class TraySession:
         Raises:
             InvalidArgument: no press is asked for, because the search has ended.
         """
-        action = self.ask().action
+        action = self.ask()
         if not isinstance(action, Press):
-            raise InvalidArgument(f"the search has ended with {action}; no press is asked for")
+            raise InvalidArgument(f"the search has ended with {action or self.outcome}; no press is asked for")
         return self.belief.centre(action.cell)
 
     def tell(
         self,
-        image: NDArray[np.uint8] | None = None,
+        image: Any = None,
         height: float | None = None,
         *,
         missed: bool = False,
         place: tuple[float, float] | None = None,
+        step: int | None = None,
     ) -> None:
-        """What was met at the place that was asked for, or at another place.
+        """What was met at the place that was asked for, or at another; or, without arguments, that an answer was given.
+
+        With a log, what was told is on disk when this returns.
 
         Args:
             image: of the contact.
             height: of the pad's face above the floor when it met the object [m].
             missed: whether it met the floor.
             place: where the press was (x, y) [m], if not where it was asked for.
+            step: which question is answered: :attr:`step` when it was asked. It protects from answers that come twice.
 
         Raises:
-            InvalidArgument: image and height, or ``missed``, are missing; the place is outside the tray.
-            ImpossibleObservation: no arrangement of objects explains it; nothing has changed.
+            AlreadyTold: the step was answered before.
+            InvalidArgument: image and height, or ``missed``, are missing; the place is outside the tray; the search has
+                ended.
+            ImpossibleObservation: no arrangement of objects explains it.
+            CannotWrite: the log cannot be written. After every error, nothing has changed.
         """
+        self._require_step(step)
+        if self._answer is not None:
+            raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
+        if place is None and image is None and height is None and not missed and not isinstance(self.ask(), Press):
+            self._take(TrayTold(self._asked, self._rng.bit_generator.state, time=time.time()))
+            return
         x, y = self.place() if place is None else place
         size = self.belief.size
         if not (are_finite(x, y) and 0.0 <= x <= size[0] and 0.0 <= y <= size[1]):
@@ -170,34 +255,135 @@ class TraySession:
         if image is not None and height is not None:
             if not (are_finite(height) and height > 0.0):
                 raise InvalidArgument(f"the height of a contact is above the floor [m], got {height}")
-            if self.read is None:
+            if self.reader is None:
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
-            embedding, level = self.read(image)
-        touch = PlaceTouch(self.belief.cell_at(x, y), height or 0.0, embedding, level)
-        self.belief, self._asked = self.belief.update(touch), None
-        self._told.append((touch, self._rng.bit_generator.state))
-        self.standing = standing_of(self.belief)
-        self.steps.append(TrayStep((float(x), float(y)), height, self.standing.target, self.standing.absent))
+            embedding, level = self.reader.read(image)
+            image = np.asarray(image).astype(np.uint8)
+        touch = PlaceTouch(self.belief.cell_at(x, y), float(height or 0.0), embedding, level)
+        rng = self._rng.bit_generator.state
+        self._take(TrayTold(self._asked, rng, (float(x), float(y)), touch, image, time.time()))
 
     def tell_met(self, met: Met, place: tuple[float, float] | None = None) -> None:
         """:meth:`tell` what a simulated pad met, a miss as well."""
         is_miss = met.image is None
         self.tell(met.image, None if is_miss else met.height, missed=is_miss, place=place)
 
-    def undo(self) -> None:
-        """Take back what was told last; all touches before it are weighed once more, as beliefs are large.
+    def reveal(self, objects: Sequence[Lies]) -> None:
+        """Say which objects there really were, and where, for scoring; it is no evidence.
+
+        Args:
+            objects: shape and place (x, y) [m] of each; "none of these" for another shape.
 
         Raises:
-            InvalidArgument: nothing was told.
+            UnknownName: there is no such shape.
+            InvalidArgument: a place is outside the tray, or there is no object.
         """
-        if not self._told:
-            raise InvalidArgument("nothing was told yet that undo() could take back")
-        _, self._rng.bit_generator.state = self._told.pop()
-        self.belief = self._start
-        for touch, _ in self._told:
-            self.belief = self.belief.update(touch)
-        self.steps.pop()
-        self.standing, self._asked = standing_of(self.belief), None
+        labels, size = self.belief.table.labels, self.belief.size
+        for label, *place in objects:
+            if label != NONE_OF_THESE:
+                index_of("shape", labels, label)
+            if not (are_finite(*place) and all(0.0 <= at <= edge for at, edge in zip(place, size, strict=True))):
+                raise InvalidArgument(f"{label} must be in the tray of {size[0]} x {size[1]} m, got {place}")
+        if not objects:
+            raise InvalidArgument("at least one object is in the tray")
+        self._reveal(objects=[list(one) for one in objects])
+        self.objects = tuple((label, float(x), float(y)) for label, x, y in objects)
+
+    @property
+    def episode(self) -> TrayEpisode:
+        """The record of the search; raises InvalidArgument before it has ended."""
+        if self._answer is None:
+            raise InvalidArgument("the search has not ended yet; its steps so far are session.steps")
+        answer, place = ended(self._answer)
+        prob = stated(self.standing, self._answer)
+        target = self.belief.table.labels[self.belief.target]
+        is_there = any(label == target for label, *_ in self.objects) if self.objects else None
+        success = is_right(answer, place, self.objects, target) if self.objects else None
+        return TrayEpisode(target, self.seed, self.steps, answer, place, prob, is_there, success, self.objects)
+
+    @property
+    def set_up(self) -> dict[str, Any]:
+        """See :class:`planners.session_log.AskAndTell`."""
+        belief = self._start
+        tray = {"shapes": belief.table.labels, "size": belief.size, "num_objects": belief.num_objects}
+        tray |= {"present": belief.present, "unlisted": belief.unlisted, "noise": dataclasses.asdict(belief.noise)}
+        return {
+            "tray": tray,
+            "rules": dataclasses.asdict(self.rules),
+            "target": belief.table.labels[belief.target],
+            "seed": list(self.seed),
+            "decider": decider_fields(self.decider),
+            "stop_rule": None,
+            "model_sha256": None,
+            "reader_sha256": None if self.reader is None else self.reader.identity,
+        }
+
+    def _apply(self, told: TrayTold) -> None:
+        if told.touch is None or told.place is None:
+            assert told.asked is not None, "an answer was asked for"
+            assert not isinstance(told.asked.action, Press), "an answer was asked for"
+            self._answer = told.asked.action
+        else:
+            self.belief = self.belief.update(told.touch)
+            self.standing = standing_of(self.belief)
+            height, now = told.touch.height if told.kind == "touch" else None, self.standing
+            where = now.places[0][0] if now.places else None
+            self._steps.append(TrayStep(told.place, height, now.target, now.absent, where))
+        self._asked = None
+
+    def _fields(self, told: TrayTold) -> dict[str, Any]:
+        from belief.journal import array_field
+
+        line: dict[str, Any] = {"told": told.kind, "time": told.time, "rng": told.rng}
+        if told.asked is not None:
+            line |= {"asked": action_fields(told.asked.action), "scores": dict(told.asked.scores)}
+        if told.touch is not None:
+            arrays = {"embedding": told.touch.embedding, "image": told.image}
+            line |= {"place": told.place, "height": told.touch.height, "level": told.touch.level}
+            line |= {name: array_field(array) for name, array in arrays.items() if array is not None}
+        return line
+
+    def _answer_from(self, line: Mapping[str, Any]) -> TrayTold:
+        from belief.journal import array_from
+
+        asked = touch = place = None
+        if "asked" in line:
+            scores = {str(name): float(score) for name, score in line["scores"].items()}
+            asked = TrayDecision(action_from(line["asked"]), scores)
+        arrays = {name: array_from(line[name]) if name in line else None for name in ("embedding", "image")}
+        if "place" in line:
+            x, y = place = (float(line["place"][0]), float(line["place"][1]))
+            level = None if line["level"] is None else float(line["level"])
+            touch = PlaceTouch(self.belief.cell_at(x, y), float(line["height"]), arrays["embedding"], level)
+        found = TrayTold(asked, line["rng"], place, touch, arrays["image"], float(line["time"]))
+        if found.kind != line["told"] or (touch is None and (asked is None or isinstance(asked.action, Press))):
+            raise ValueError(f"a line says {line['told']!r:.40}, and holds a {found.kind}")
+        return found
+
+    def _learn(self, truth: Mapping[str, Any]) -> None:
+        self.objects = tuple((str(label), float(x), float(y)) for label, x, y in truth["objects"])
+
+
+def action_fields(action: TrayAction) -> dict[str, Any]:
+    """An action as JSON types."""
+    fields: dict[str, Any] = {"action": _WORDS[type(action)]}
+    if isinstance(action, Press):
+        fields["cell"] = list(action.cell)
+    elif isinstance(action, ConfirmAt):
+        fields["place"] = list(action.place)
+    return fields
+
+
+def action_from(fields: Mapping[str, Any]) -> TrayAction:
+    """The action of :func:`action_fields`."""
+    if fields["action"] == "touch":
+        along, across = fields["cell"]
+        return Press((int(along), int(across)))
+    if fields["action"] == "confirm":
+        x, y = fields["place"]
+        return ConfirmAt((float(x), float(y)))
+    others: dict[str, TrayAction] = {"reject": Reject(), "unsure": Unsure()}
+    return others[fields["action"]]
 
 
 class Met(Protocol):
@@ -212,37 +398,34 @@ class Met(Protocol):
         """Of the contact."""
 
 
-def search_tray(session: TraySession, world: Presses, rng: np.random.Generator) -> TrayDecision:
-    """Play a session in a world to its end; returns the decision that ended it."""
-    while isinstance((decision := session.ask()).action, Press):
-        x, y = session.place()
-        session.tell_met(world.press(x, y, rng))
-    return decision
-
-
-class LiesAt(Protocol):
-    """An object in a tray: index of its shape, and its place (x, y, z) [m]."""
-
-    @property
-    def shape(self) -> int:
-        """Index of its shape."""
-
-    @property
-    def place(self) -> NDArray[np.float64]:
-        """Its place [m]."""
-
-
-def is_right(answer: str, place: tuple[float, float] | None, objects: Sequence[LiesAt], target: int) -> bool:
+def is_right(answer: str, place: tuple[float, float] | None, objects: Sequence[Lies], target: str) -> bool:
     """Whether an answer is right: the object nearest to the place has the target's shape, or no object has it."""
     if place is None:
-        return answer == "absent" and all(one.shape != target for one in objects)
-    nearest = min(objects, key=lambda one: float(np.hypot(one.place[0] - place[0], one.place[1] - place[1])))
-    return nearest.shape == target
+        return answer == "absent" and all(label != target for label, *_ in objects)
+    nearest = min(objects, key=lambda one: float(np.hypot(one[1] - place[0], one[2] - place[1])))
+    return nearest[0] == target
 
 
-def ended(decision: TrayDecision) -> tuple[str, tuple[float, float] | None, float]:
-    """The answer of a decision that ends a search in words, its place, and its stated probability."""
+def ended(action: ConfirmAt | Reject | Unsure) -> tuple[str, tuple[float, float] | None]:
+    """An answer in words, and its place."""
     words = {ConfirmAt: "here", Reject: "absent", Unsure: "unsure"}
-    action = decision.action
-    place = action.place if isinstance(action, ConfirmAt) else None
-    return words[type(action)], place, float(decision.scores["stated"])
+    return words[type(action)], action.place if isinstance(action, ConfirmAt) else None
+
+
+ANSWERS = ("here", "absent")
+"""Answers that a certificate bounds the errors of."""
+SUREST, LEAST = 1.0 - 1e-6, 0.5
+"""Stated probabilities from which no certificate, and any certificate, lets a search end."""
+
+
+def candidate_stops(episodes: Sequence[TrayEpisode]) -> CandidateStops:
+    """All moments at which searches could have ended, by answer, for :func:`certified_thresholds` with ``ANSWERS``."""
+    rows = []
+    for number, one in enumerate(episodes):
+        for step in one.steps:
+            for answer, prob, place in ((0, step.target, step.where), (1, step.absent, None)):
+                if prob >= LEAST:
+                    right = is_right(ANSWERS[answer], place, one.objects, one.target)
+                    rows.append((number, answer, min(prob, 1.0), not right))
+    searches, answers, probs, is_wrong = np.reshape(rows, (-1, 4)).T
+    return CandidateStops(searches, answers, probs, is_wrong, len(episodes))

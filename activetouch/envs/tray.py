@@ -96,14 +96,14 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         wanted = float(share[0]) * size[0], float(share[1]) * size[1]
         place = session.belief.centre(session.belief.cell_at(*wanted))
         way = float(np.hypot(place[0] - session.at[0], place[1] - session.at[1]))
-        session.tell_met(self._touched.press(*place, self.np_random), place)
+        session.tell_met(self._touched.press(*place), place)
         reward = -self.touch_cost * (1.0 + self.sensor.rules.travel * way)
-        info, decision = self._info(), session.stopped()
-        if decision is not None:
-            answer, where, _ = ended(decision)
-            info["is_success"] = is_right(answer, where, self._touched.world.objects, self._index)
+        info, answered = self._info(), session.stopped()
+        if answered is not None:
+            answer, where = ended(answered)
+            info["is_success"] = is_right(answer, where, self._touched.world.lay, info["target"])
             reward += 0.0 if answer == "unsure" else 1.0 if info["is_success"] else -1.0
-        return self._observed(), reward, decision is not None, False, info
+        return self._observed(), reward, answered is not None, False, info
 
     def _info(self) -> dict[str, Any]:
         standing = self._session.standing

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.errors import LabelMismatch
-from activetouch.sensor.searching import begun, player_of, problem_of, with_misses
+from activetouch.sensor.searching import player_of, problem_of, with_misses
 from activetouch.sensor.session_reader import RecordedRowReader
 from activetouch.sensor_files import NOT_SIMULATED, OBSERVATION_FILE, READER_FILE, RECORDED_FILE, fitted_model
 from belief.composition import Composition, Counts
@@ -201,7 +201,7 @@ class RecordedSensor:
         problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         reader, settings = self.image_reader, with_misses(settings)
-        return begun(Session(problem, player, shape, self.model, key, reader=reader, **settings), player, log, reader)
+        return Session(problem, player, shape, self.model, key, reader=reader, **settings).begun(log)
 
     @property
     def image_reader(self) -> RecordedRowReader:

@@ -1,11 +1,10 @@
-"""The rules of a search with a sensor, its decider, and the session that a log may hold."""
+"""The rules of a search with a sensor, and its decider."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from numpy.typing import ArrayLike
 
@@ -16,9 +15,8 @@ from belief.naming import Name, index_of
 from belief.observation_model.model import ArrayModel
 from belief.problem import SearchProblem
 from belief.seeding import checked_key
-from planners import Decider, Session, make_decider
+from planners import Decider, make_decider
 from planners.session import SessionSettings
-from planners.session_log import ImageReader, differences
 
 
 def problem_of(
@@ -59,21 +57,6 @@ def player_of(
     shape, words = index_of("target", problem.shape_labels, target), checked_key(seed)
     key = (*words, shape, 0) if len(words) == 1 else words
     return shape, key, make_decider(decider, model.outcome_table(), model) if isinstance(decider, str) else decider
-
-
-def begun(session: Session, decider: Decider, log: str | Path | None, reader: ImageReader) -> Session:
-    """The session, or the one that its log continues."""
-    if log is None:
-        return session
-    if not Path(log).exists():
-        session.save(log)
-        return session
-    found = Session.load(log, model=session.model, decider=decider, reader=reader)
-    checked = dict.fromkeys(("arrangement", "decider", "stop_rule"))  # checked by load, or irrelevant
-    if other := differences({**found.set_up, **checked}, {**session.set_up, **checked}):
-        found.close()
-        raise InvalidArgument(f"{log} is the log of another search: {'; '.join(other)}")
-    return found
 
 
 def with_misses(settings: SessionSettings) -> SessionSettings:

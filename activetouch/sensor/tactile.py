@@ -405,7 +405,7 @@ class TactileSensor:
         It asks for what :meth:`search` with the same seed would do, given the same touches, if ``abstain`` is False.
         See :meth:`Sensor.session`.
         """
-        from activetouch.sensor.searching import begun, player_of, with_misses
+        from activetouch.sensor.searching import player_of, with_misses
 
         problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
@@ -417,7 +417,7 @@ class TactileSensor:
             problem = problem.with_unsure()
             player = self._certified(problem, shape, decider, Certificate.opened(certificate))
         reader = self.image_reader
-        return begun(Session(problem, player, shape, self.model, key, reader=reader, **settings), player, log, reader)
+        return Session(problem, player, shape, self.model, key, reader=reader, **settings).begun(log)
 
     @property
     def image_reader(self) -> SensorReader:

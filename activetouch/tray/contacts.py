@@ -39,6 +39,11 @@ def pitch_in_pixels(reader: ContactHypotheses) -> int:
     return max(1, round(PITCH / _pixel(reader)))
 
 
+def pitch(reader: ContactHypotheses) -> float:
+    """Distance of the places that are told apart [m]."""
+    return pitch_in_pixels(reader) * _pixel(reader)
+
+
 def place_table(reader: ContactHypotheses, scene: Scene) -> PlaceTable:
     """The contacts of all shapes of a scene at all offsets, embedded; those in the cache take no time."""
     parts = [_of_shape(reader, scene, solid) for solid in scene.solids.values()]
@@ -62,7 +67,7 @@ def place_table(reader: ContactHypotheses, scene: Scene) -> PlaceTable:
         height=height,
         spread=spread,
         embeddings=np.concatenate([part[part[..., 0] > 0.0][:, NUM_CHANNELS:] for part in parts], dtype=np.float32),
-        pitch=pitch_in_pixels(reader) * _pixel(reader),
+        pitch=pitch(reader),
         half_width=reader.imaging.pad.half_width,
     )
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.errors import WrongScene
 from activetouch.named_scenes import SCENES
@@ -21,28 +23,37 @@ from activetouch.perception.reader import TactileReader
 from activetouch.pressing.contact import Quasistatic
 from activetouch.scene import Scene
 from activetouch.scene_description import described
+from activetouch.sensor.session_reader import checked_image
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.solid import Shape
-from activetouch.tray.contacts import place_table
-from activetouch.tray.world import Tray, TrayWorld
+from activetouch.tray.contacts import pitch, place_table
+from activetouch.tray.world import Poke, Tray, TrayWorld
 from belief.errors import UnknownName
 from belief.naming import Name, index_of
+from belief.references import build, find
 from belief.seeding import checked_key
-from belief.tray import PlaceTable, TouchNoise, TrayBelief
+from belief.tray import Grid, PlaceTable, TouchNoise, TrayBelief
+from planners.fingerprint import fingerprint
+from planners.process_agent import InTray, ProcessAgent
+from planners.registry import PROCESS
 from planners.tray import (
     InformationPerCost,
     PlaceOutcomes,
+    Press,
     RandomPlaces,
     RasterThenIdentify,
     TrayDecider,
     TrayRules,
 )
-from planners.tray_session import TrayEpisode, TraySession, ended, is_right, search_tray
+from planners.tray_session import LEAST, TrayEpisode, TraySession
 
-DECIDERS: Mapping[str, Callable[[TrayRules, PlaceOutcomes], TrayDecider]] = {
+if TYPE_CHECKING:
+    from planners.certified import Certificate
+
+DECIDERS: Mapping[str, Callable[..., TrayDecider]] = {
     "information_per_cost": InformationPerCost,
     "raster": RasterThenIdentify,
-    "random": lambda rules, outcomes: RandomPlaces(),
+    "random": RandomPlaces,
 }
 """Deciders of searches in a tray, by name."""
 _REFERENCES = 72  # touches that stand for all
@@ -136,19 +147,29 @@ class TraySensor:
         assert isinstance(self.reader.hypotheses, ContactHypotheses), "asked in __post_init__"
         return self.reader.hypotheses
 
+    @property
+    def grid(self) -> Grid:
+        """The cells of the tray."""
+        return Grid(self.tray.size, pitch(self._contacts))
+
     @cached_property
     def table(self) -> PlaceTable:
         """What presses would meet; made at first use, and kept in the cache."""
         with announced("preparing the tray: up to two minutes the first time, then kept in the cache"):
             return place_table(self._contacts, self.scene)
 
-    @cached_property
-    def outcomes(self) -> PlaceOutcomes:
-        """Touches that stand for all; made at first use, and kept in the cache."""
+    @property
+    def _read_with(self) -> dict[str, Any]:
+        """What determines the contacts of the table, as JSON types."""
         reader = self._contacts
         code = reader.imaging.code(sensor_state(reader.imaging, self.scene))
         bodies = {label: described(solid) for label, solid in self.scene.solids.items()}
-        key = {"reader": reader.digest, "code": code.round(6).tolist(), "outcomes": _REFERENCES, "bodies": bodies}
+        return {"reader": reader.digest, "code": code.round(6).tolist(), "bodies": bodies}
+
+    @cached_property
+    def outcomes(self) -> PlaceOutcomes:
+        """Touches that stand for all; made at first use, and kept in the cache."""
+        key = {**self._read_with, "outcomes": _REFERENCES}
         return PlaceOutcomes(self.table, cached_array(key, self._references), self.noise.scale)
 
     def _references(self) -> Floats32:
@@ -165,9 +186,13 @@ class TraySensor:
                     break
         return self.reader.run(np.stack(images))[0]
 
-    def read(self, image: NDArray[np.uint8]) -> tuple[Floats32, float | None]:
-        """The embedding of one image ``(D,)``, and its level, where objects of none of the shapes are weighed."""
-        embedding = self.reader.run(np.asarray(image)[None])[0][0]
+    def read(self, image: ArrayLike) -> tuple[Floats32, float | None]:
+        """The embedding of one image ``(D,)``, and its level, where objects of none of the shapes are weighed.
+
+        Raises:
+            InvalidArgument: it is no image of the pad.
+        """
+        embedding = self.reader.run(checked_image(image, self.scene.image_shape)[None])[0][0]
         if not self.tray.unlisted:
             return embedding, None
         return embedding, float(log_normalisers(self._bodies, embedding[None], self.noise.scale)[0])
@@ -186,17 +211,21 @@ class TraySensor:
         prior = tray.num_objects, tray.present
         return TrayBelief(self.table, tray.size, index, *prior, noise, unlisted=tray.unlisted)
 
-    def decider(self, decider: str | TrayDecider = "information_per_cost") -> TrayDecider:
-        """One of :data:`DECIDERS` by name, or a decider of one's own.
+    def decider(self, decider: str | TrayDecider | ProcessAgent = "information_per_cost") -> TrayDecider:
+        """One of :data:`DECIDERS` or ``module:attribute``, with or without settings; ``process:COMMAND``; or an object.
 
         Raises:
             UnknownName: there is no decider of this name.
+            BadReference: a setting is unknown, or there is no such object.
         """
+        if isinstance(decider, ProcessAgent) or (isinstance(decider, str) and decider.startswith(PROCESS)):
+            return InTray(ProcessAgent(decider.removeprefix(PROCESS)) if isinstance(decider, str) else decider)
         if not isinstance(decider, str):
             return decider
-        if decider not in DECIDERS:
-            raise UnknownName("decider of a tray", decider, list(DECIDERS))
-        return DECIDERS[decider](self.rules, self.outcomes)
+        found, reference = find("decider of a tray", decider, DECIDERS, "activetouch.tray_deciders")
+        offered = {"rules": self.rules, "outcomes": self.outcomes}
+        made: TrayDecider = build(reference.name, found, reference.settings, offered, reference.is_called)
+        return made
 
     def world(self, target: Name, seed: int | Sequence[int] = 0) -> TrayWorld:
         """The tray of the search with this target and seed, as it is before the first touch."""
@@ -209,11 +238,60 @@ class TraySensor:
         index = index_of("target", self.shape_labels, target)
         return Keyed(self.world(index, seed), (*checked_key(seed), index, 2))
 
+    @cached_property
+    def identity(self) -> str:
+        """Digest of everything that determines readings and beliefs."""
+        return hashlib.sha256(json.dumps(self._read_with, sort_keys=True).encode()).hexdigest()
+
+    def certified_world(self, targets: Sequence[str], decider: str) -> dict[str, Any]:
+        """What a certificate of searches for these targets by this decider holds for, as JSON types."""
+        known = {"rules": self.rules, "outcomes": self.outcomes}
+        world = {
+            "tray": asdict(self.tray) | {"strangers": [described(one) for one in self.strangers]},
+            "rules": [self.rules.travel, self.rules.most_touches, self.rules.least_gain],
+            "targets": [label for label in self.shape_labels if label in targets],
+            "decider": decider,
+            "settings or code of the decider": fingerprint(self.decider(decider), None, known),
+            "sensor (SHA-256)": self.identity,
+        }
+        return dict(json.loads(json.dumps(world)))
+
+    def certified(
+        self,
+        certificate: str | Path | Certificate,
+        decider: str = "information_per_cost",
+        targets: Sequence[str] = (),
+    ) -> TraySensor:
+        """This sensor with the stops of a certificate of a decider, for searches for some of its targets.
+
+        Raises:
+            NotCertified: the certificate was made for something else.
+        """
+        from planners.certified import Certificate, NotCertified
+
+        found = Certificate.opened(certificate)
+        found.require(self.certified_world(found.made_for["targets"], decider))
+        if other := set(targets) - set(found.made_for["targets"]):
+            raise NotCertified(f"the certificate is for other targets than {min(other)}")
+        sure, absent = (max(limit, LEAST) for limit in found.thresholds)
+        return replace(self, rules=replace(self.rules, sure=sure, sure_absent=absent))
+
     def session(
-        self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
+        self,
+        target: Name,
+        decider: str | TrayDecider = "information_per_cost",
+        seed: int | Sequence[int] = 0,
+        *,
+        log: str | Path | None = None,
     ) -> TraySession:
-        """A search in a tray whose presses somebody else makes, such as a robot."""
-        return TraySession(self.belief(target), self.decider(decider), self.rules, seed, self.read)
+        """A search in a tray whose presses somebody else makes, such as a robot.
+
+        It asks for what :meth:`search` with the same seed would do, given the same touches. With a ``log``, all that is
+        told is on disk before the next question; if the file exists, its search goes on.
+        """
+        key, belief = checked_key(seed), self.belief(target)
+        key = (*key, belief.target, 1) if len(key) == 1 else key
+        return TraySession(belief, self.decider(decider), self.rules, key, self).begun(log)
 
     def search(
         self, target: Name, decider: str | TrayDecider = "information_per_cost", seed: int | Sequence[int] = 0
@@ -225,16 +303,15 @@ class TraySensor:
         key = checked_key(seed)
         index = index_of("target", self.shape_labels, target)
         touched = self.touched(index, key)
-        world = touched.world
-        lay = tuple((world.labels[one.shape], float(one.place[0]), float(one.place[1])) for one in world.objects)
+        world, lay = touched.world, touched.world.lay
         session = self.session(index, decider, (*key, index, 1))
-        decision = search_tray(session, touched, np.random.default_rng(0))
-        answer, place, stated = ended(decision)
-        is_there = any(one.shape == index for one in world.objects)
-        success = is_right(answer, place, world.objects, index)
-        return TrayEpisode(
-            self.shape_labels[index], key, tuple(session.steps), answer, place, stated, is_there, success, lay
-        )  # fmt: skip
+        while (action := session.ask()) is not None:
+            if isinstance(action, Press):
+                session.tell_met(touched.press(*session.place()))
+            else:
+                session.tell()
+        session.objects = world.lay  # where touches have moved them
+        return replace(session.episode, seed=key, objects=lay)
 
 
 @dataclass(eq=False)
@@ -245,8 +322,8 @@ class Keyed:
     key: tuple[int, ...]
     pressed: dict[tuple[int, int], int] = field(default_factory=dict)
 
-    def press(self, x: float, y: float, rng: np.random.Generator) -> Any:
-        """See :class:`planners.tray_session.Presses`."""
+    def press(self, x: float, y: float) -> Poke:
+        """Come down on a place [m]."""
         place = round(x * 1e5), round(y * 1e5)
         times = self.pressed.get(place, 0)
         self.pressed[place] = times + 1

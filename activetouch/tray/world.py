@@ -122,6 +122,11 @@ class TrayWorld:
         """Names of :attr:`solids`."""
         return (*self.scene.shape_labels, *(f"stranger {number + 1}" for number in range(len(self.strangers))))
 
+    @property
+    def lay(self) -> tuple[tuple[str, float, float], ...]:
+        """Shape and place (x, y) of each object [m]."""
+        return tuple((self.labels[one.shape], float(one.place[0]), float(one.place[1])) for one in self.objects)
+
     def press(self, x: float, y: float, rng: np.random.Generator) -> Poke:
         """Come down on a place of the tray until the pad carries the force or meets the floor."""
         scene, pad = self.scene, self.scene.pad

@@ -273,22 +273,15 @@ class Find(MeshOptions):
     def run(self) -> None:
         """Read, make views, search, report."""
         if self.drawer:
-            from experiments.search.drawer.drawer import Drawer  # whose modules no other search needs
+            from activetouch.tray.world import Tray
+            from experiments.search.drawer.drawer import USUAL_DECIDERS, report
+            from experiments.search.drawer.searches import Searches  # whose modules no other search needs
+            from planners.tray import TrayRules
 
-            own = Drawer()
             folder = self.folder if self.scale is None else Path(f"{self.folder}@{self.scale}")
-            Drawer(
-                folder,
-                (self.target,),
-                self.sensor,
-                self.deciders or own.deciders,
-                self.searches,
-                self.objects or own.objects,
-                sure=self.threshold,
-                seed=self.seed,
-                out=self.out,
-                jobs=self.jobs,
-            ).run()
+            tray, rules = Tray(num_objects=self.objects or Tray.num_objects), TrayRules(sure=self.threshold)
+            searches = Searches(self.sensor, folder, (), tray, rules, self.seed)
+            report(searches, self.deciders or USUAL_DECIDERS, (self.target,), self.searches, self.out, self.jobs)
             return
         setting = self.setting
         solids, left_out = self.read(self.target, setting.choice)

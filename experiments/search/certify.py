@@ -234,6 +234,8 @@ class Certify:
                 f"at least {least} calibration searches are needed for a risk of {self.risk:g} with confidence "
                 f"{self.confidence:g}, got {self.searches}: play more --searches, or accept more --risk"
             )
+        if named is None and self.setting.choice.is_tray:
+            return self._in_a_tray()
         if self.setting.abstain is not None:
             raise BadArgument("a certificate says itself when a decider is unsure: leave out --abstain")
         run = prepared(
@@ -259,6 +261,30 @@ class Certify:
             made_for=searches.sensor.certified_world(searches.problem, run.targets, self.decider, player, run.known),
             usual=tuple(search.fit for search in played),
         )
+        return self._saved(certificate)
+
+    def _in_a_tray(self) -> Certificate:
+        """The certificate of both answers of searches in a tray, which go on until nothing is left to tell."""
+        from experiments.search.drawer.drawer import play  # whose modules no other scene needs
+        from experiments.search.drawer.searches import Searches as TraySearches
+        from planners.tray_session import ANSWERS, SUREST
+        from planners.tray_session import candidate_stops as stops_in_trays
+
+        searches = TraySearches.of(self.setting, self.seed + _SEEDS)
+        sensor, rules = searches.made(), searches.rules
+        labels = list(self.targets or sensor.shape_labels)
+        drawn = keyed_rng([searches.seed]).choice(labels, self.searches).tolist()
+        searches = replace(searches, rules=replace(rules, sure=SUREST, sure_absent=SUREST))
+        found = play(searches, [self.decider], drawn, self.searches, jobs=self.jobs).episodes[self.decider]
+        stops = certified_thresholds(stops_in_trays(found), self.risk, self.confidence, answers=ANSWERS)
+        if not np.isfinite(stops.thresholds).all():
+            raise TooFewSearches(f"{stops.note} Play more --searches, or accept more --risk")
+        world = sensor.certified_world(labels, self.decider)
+        counts = stops.thresholds, stops.stops, stops.wrong, rules.most_touches
+        about = self.decider, self.risk, self.confidence, self.searches
+        return self._saved(Certificate(*about, *counts, made_for=world, answers=ANSWERS))
+
+    def _saved(self, certificate: Certificate) -> Certificate:
         if self.out is not None:
             certificate.save(self.out)
         return certificate

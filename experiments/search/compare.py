@@ -106,7 +106,7 @@ class Compare:
             _say([table for table in whole if table.rows], found.verdict())
             print(f"report: {found.save(Path('runs/results') if self.out is None else self.out)}")
             return
-        if self.setting.choice.scene == "drawer":
+        if self.setting.choice.is_tray:
             self._in_a_tray()
             return
         if self.config is not None:
@@ -118,26 +118,17 @@ class Compare:
 
     def _in_a_tray(self) -> None:
         """Searches among objects in a tray, whose actions are places: those of ``activetouch drawer``."""
-        from experiments.search.drawer.drawer import Drawer  # whose modules no other scene needs
+        from experiments.search.drawer.drawer import USUAL_DECIDERS, USUAL_SEARCHES, report
+        from experiments.search.drawer.searches import Searches  # whose modules no other scene needs
 
-        choice, usual = self.setting.choice, Compare()
-        plain = replace(self.setting, choice=replace(choice, scene="gel", meshes=(), only=False), num_objects=None)
-        if plain != usual.setting or len(choice.meshes) > 1 or self.certificate or self.full_information or self.config:
-            raise BadArgument(
-                "the scene drawer takes --meshes FOLDER, --num-objects, --deciders, --targets, --episodes, --seed, "
-                "--out, --jobs; activetouch drawer --help lists what it has of its own"
-            )
-        own = Drawer()
-        Drawer(
-            folder=choice.meshes[0] if choice.meshes else None,
-            target=self.targets,
-            deciders=own.deciders if self.deciders == usual.deciders else self.deciders,
-            searches=own.searches if self.episodes == usual.episodes else self.episodes * (len(self.targets) or 12),
-            objects=self.setting.num_objects or own.objects,
-            seed=self.seed,
-            out=self.folder,
-            jobs=self.jobs,
-        ).run()
+        usual = Compare()
+        if self.full_information or self.config:
+            raise BadArgument("the scene drawer takes neither --full-information nor --config")
+        searches = Searches.of(self.setting, self.seed)
+        deciders = USUAL_DECIDERS if self.deciders == usual.deciders else self.deciders
+        each = len(self.targets) or len(searches.made().shape_labels)
+        number = USUAL_SEARCHES if self.episodes == usual.episodes else self.episodes * each
+        report(searches, deciders, self.targets, number, self.folder, self.jobs, self.certificate)
 
     def play(self) -> Comparison:
         """Play the missing searches and return the comparison, without a report."""

@@ -10,7 +10,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from dataclasses import dataclass, field, replace
 from io import BufferedIOBase
 from pathlib import Path
@@ -33,18 +33,19 @@ from belief.references import ForeignCode
 from belief.validation import Floats, as_real
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
-from experiments.search.play import CompositionName
+from experiments.search.play import CompositionName, Setting
 from experiments.sensor_choice import asked_state, open_sensor, sensor_folder
-from planners import Session
 from planners.episode import ACTION_NAMES, MOVED
 from planners.session_log import OtherModel, problem_fields
+from planners.tray import Press
+from planners.tray_session import TraySession, action_fields
 
 SCHEMA = "activetouch live 1"
 """Version of the protocol; the number grows when a client of an older one could be misled."""
 MOST_BYTES = 1 << 23
 """Longest line that is read."""
 _LONGEST = 600  # message, and other texts
-_TELLS = {"image", "logits", "features", "missed", "pose", "force", "area", "step", "done"}
+_DETAILS = ("pose", "force", "area", "place", "height", "step")
 
 
 class BadLine(InvalidArgument):
@@ -54,13 +55,16 @@ class BadLine(InvalidArgument):
 class Conversation:
     """Answers the requests of one session of a sensor."""
 
-    def __init__(self, session: Session, sensor: TactileSensor | RecordedSensor) -> None:
+    tells: Set[str] = {"image", "logits", "features", "missed", "pose", "force", "area", "step", "done"}
+    """Fields of a tell."""
+
+    def __init__(self, session: Any, sensor: Any) -> None:
         self.session, self.sensor = session, sensor
         self.felt: Any = None  # the image that the last line told
         self._requests: Mapping[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], set[str]]] = {
             "hello": (self._hello, set()),
             "ask": (self._ask, set()),
-            "tell": (self._tell, _TELLS),
+            "tell": (self._tell, {*self.tells}),
             "undo": (self._undo, {"step"}),
             "reveal": (self._reveal, {"arrangement"}),
             "state": (self._state, set()),
@@ -123,19 +127,21 @@ class Conversation:
             found["aim"] = scene.aim_offsets[action.pose].tolist()
         return found
 
+    _kinds = '"image", "logits" with or without "features", "missed": true and "done": true'
+
     def _tell(self, given: dict[str, Any]) -> dict[str, Any]:
         if given.get("step") is None:
             raise BadLine("a tell needs the step that it answers, as ask gave it, so that none counts twice")
-        told = {name: given[name] for name in ("pose", "force", "area", "step") if given.get(name) is not None}
+        told = {name: given[name] for name in _DETAILS if given.get(name) is not None}
         kinds = [name for name in ("image", "logits", "missed", "done") if given.get(name) not in (None, False)]
         if "features" in given and "logits" not in kinds:
             kinds.append("features")
         if len(kinds) != 1 or ("missed" in kinds and given["missed"] is not True):
-            raise BadLine('tell one of "image", "logits" with or without "features", "missed": true and "done": true')
+            raise BadLine(f"tell one of {self._kinds}")
         if kinds[0] == "done":
             if given["done"] is not True or len(told) > 1:
                 raise BadLine('an action that was carried out is told by "done": true and "step" alone')
-            if isinstance(self.session.ask(), Probe):
+            if isinstance(self.session.ask(), Probe | Press):
                 raise BadLine("asked was a touch; tell what was felt")
         elif kinds[0] == "missed":
             told["missed"] = True
@@ -145,9 +151,7 @@ class Conversation:
             told["touch"] = self._touch(given, told.get("pose"))
         self.session.tell(**told)
         self.felt = told.get("image")
-        asked = self.session.steps[-1]
-        kind = "miss" if "is_miss" in asked.decision.scores else "touch" if asked.touch is not None else "done"
-        return {"told": kind}
+        return {"told": self.session.last_told}
 
     def _touch(self, given: dict[str, Any], pose: Any) -> Touch:
         action = self.session.ask()
@@ -166,7 +170,7 @@ class Conversation:
     def _reveal(self, given: dict[str, Any]) -> dict[str, Any]:
         shapes = given.get("arrangement")
         if not isinstance(shapes, list):
-            raise BadLine('a reveal needs "arrangement": a list with a shape or null for every object')
+            raise BadLine('a reveal needs "arrangement": a list with one entry for every object')
         self.session.reveal(shapes)
         return self._state(given)
 
@@ -186,6 +190,48 @@ class Conversation:
             **({"unlisted": session.scene.unlisted().tolist()} if session.problem.unlisted else {}),
             "log_marginals": session.scene.log_marginals().clip(-1e300).tolist(),
             "log_conflict": min(max(float(session.scene.log_conflict), -1e300), 1e300),
+        }
+
+
+class TrayConversation(Conversation):
+    """Answers the requests of one session in a tray."""
+
+    session: TraySession
+    tells = frozenset({"image", "height", "missed", "place", "step", "done"})
+    _kinds = '"image" with its "height", "missed": true and "done": true'
+
+    def _hello(self, given: dict[str, Any]) -> dict[str, Any]:
+        belief, image = self.session.belief, {"shape": list(self.sensor.scene.image_shape), "dtype": "uint8"}
+        return {
+            "schema": SCHEMA,
+            "shapes": list(belief.table.labels),
+            "target": belief.table.labels[belief.target],
+            "num_objects": belief.num_objects,
+            "size": list(belief.size),
+            "touch_limit": self.session.rules.most_touches,
+            "image": image,
+        }
+
+    def _ask(self, given: dict[str, Any]) -> dict[str, Any]:
+        action = self.session.ask()
+        if action is None:
+            return {"action": None, "outcome": str(self.session.outcome)}
+        found = action_fields(action)
+        if isinstance(action, Press):
+            del found["cell"]
+            found["place"] = list(self.session.place())
+        return found
+
+    def _state(self, given: dict[str, Any]) -> dict[str, Any]:
+        session, standing = self.session, self.session.standing
+        over = session.outcome is not None
+        return {
+            "outcome": str(session.outcome) if over else None,
+            "success": session.episode.success if over else None,
+            "num_touches": len(session.steps),
+            "places": [{"place": list(place), "prob": min(prob, 1.0)} for place, prob in standing.places],
+            "unfound": standing.unfound,
+            "absent": standing.absent,
         }
 
 
@@ -268,6 +314,7 @@ class Live:
 
         activetouch live --sensor coarse --target cone --objects 4 --log today.jsonl
         activetouch live --sensor my_sensor --target mug
+        activetouch live --scene "drawer(size=(0.3, 0.2))" --sensor coarse --target cone --objects 3
     """
 
     target: str
@@ -326,23 +373,45 @@ class Live:
         try:
             if self.view is not None:
                 require_extra("view")
-            session, sensor = self._begun()
+            conversation = self._begun()
             if self.view is not None:
                 from experiments.search.viewer import viewer
 
-                show = viewer(sensor, self.view)
+                show = viewer(conversation.sensor, self.view)
         except Exception as error:
             sys.stdout.buffer.write(as_line(refusal(error)))
             sys.stdout.buffer.flush()
             raise
         try:
-            converse(Conversation(session, sensor), sys.stdin.buffer, sys.stdout.buffer, show)
+            converse(conversation, sys.stdin.buffer, sys.stdout.buffer, show)
         finally:
-            session.close()
+            conversation.session.close()
 
-    def _begun(self) -> tuple[Session, TactileSensor | RecordedSensor]:
-        """The session, which may go on, and its sensor."""
+    def _begun(self) -> Conversation:
+        """The conversation of a session, which may go on."""
         check_arguments(self)
+        log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
+        found = self._in_a_tray(log) if self.choice.is_tray else self._of_objects(log)
+        step = found.session.step
+        print(f"log: {log}" + f", goes on at step {step}" * bool(step), file=sys.stderr)
+        return found
+
+    def _in_a_tray(self, log: Path) -> Conversation:
+        """The conversation of a search among objects in a tray, at places that nobody knows."""
+        from experiments.search.drawer.searches import Searches  # whose modules no other scene needs
+
+        usual = Live(self.target)
+        plain = replace(self, choice=usual.choice, sensor=None, objects=None, decider=usual.decider, seed=0, log=None)
+        if plain != usual:
+            raise BadArgument(
+                "the scene drawer takes --target, --sensor, --meshes, --objects, --decider, --seed and --log"
+            )
+        sensor = Searches.of(Setting(self.choice, self.sensor, self.objects)).made()
+        decider = "information_per_cost" if self.decider == usual.decider else self.decider
+        return TrayConversation(sensor.session(self.target, decider, self.seed, log=log), sensor)
+
+    def _of_objects(self, log: Path) -> Conversation:
+        """The conversation of a search among objects that come one after the other."""
         sensor = self._open()
         composition: str | Counts | None = self.composition
         if among := list(dict.fromkeys(self.among)):
@@ -356,7 +425,6 @@ class Live:
                 )
             else:
                 composition = Counts(dict.fromkeys(among, 1))
-        log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
         try:
             session = sensor.session(
                 self.target,
@@ -374,8 +442,7 @@ class Live:
             )
         except OtherModel as error:
             raise OtherModel(f"{error} (was it begun with --unknown-state, another hand, or other meshes?)") from None
-        print(f"log: {log}" + f", goes on at step {session.step}" * bool(session.step), file=sys.stderr)
-        return session, sensor
+        return Conversation(session, sensor)
 
     def _opinion(self, sensor: TactileSensor | RecordedSensor, composition: str | Counts | None) -> Floats | None:
         """Probabilities of the shapes of each object, if there are any."""

@@ -1,7 +1,9 @@
 """Objects in a tray: how bodies rest, what presses meet, searches that end right, and sessions that robots play."""
 
 import json
+import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -21,15 +23,21 @@ from activetouch.tray.resting import rests
 from activetouch.tray.sensor import DECIDERS, TraySensor
 from activetouch.tray.world import Lying, Tray, TrayWorld
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
+from belief.journal import Journal, read_journal
 from belief.problem import Reject, Unsure
 from belief.tray import PlaceTouch
 from experiments.command_line.arguments import BadArgument
 from experiments.meshes.find import Find
 from experiments.scene_choice import SceneChoice
+from experiments.search.certify import Certify, TooFewSearches
 from experiments.search.compare import Compare
+from experiments.search.drawer import searches
 from experiments.search.drawer.drawer import Drawer
+from experiments.search.drawer.searches import Searches
 from experiments.search.play import Setting
-from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stop
+from planners.certified import Certificate, NotCertified
+from planners.session_log import AlreadyTold, OtherModel
+from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stated, stop
 from planners.tray_session import TraySession
 
 _SMALL = Tray(size=(0.13, 0.1), num_objects=1, present=0.6)
@@ -175,14 +183,13 @@ def test_two_objects_are_told_apart(two):
 def test_what_is_stated_ends_a_search():
     rules = TrayRules(sure=0.9, most_touches=5)
     here = Standing([((0.1, 0.2), 0.93)], 0.01, 0.06)
-    decision = stop(here, 3, rules)
-    assert decision is not None
-    assert decision.action == ConfirmAt((0.1, 0.2))
-    absent = stop(Standing([((0.1, 0.2), 0.01)], 0.95, 0.04), 3, rules)
-    assert absent is not None
-    assert isinstance(absent.action, Reject)
+    assert stop(here, 3, rules) == ConfirmAt((0.1, 0.2))
+    assert stop(Standing([((0.1, 0.2), 0.01)], 0.95, 0.04), 3, rules) == Reject()
     assert stop(Standing([], 0.5, 0.5), 4, rules) is None
-    assert stop(Standing([], 0.5, 0.5), 5, rules) is not None
+    assert stop(Standing([], 0.5, 0.5), 5, rules) == Unsure()
+    assert [stated(here, action) for action in (ConfirmAt((0.1, 0.21)), ConfirmAt((0.1, 0.3)), Reject(), Unsure())] == [
+        *(0.93, 0.0, 0.01, 0.93)
+    ]
 
 
 def test_presses_tell_where_a_target_is_that_is_known_to_be_there(sensor):
@@ -192,8 +199,7 @@ def test_presses_tell_where_a_target_is_that_is_known_to_be_there(sensor):
     for x in np.arange(0.02, 0.075, 0.01):
         session.tell(missed=True, place=(float(x), 0.03))
     assert session.standing.unfound == pytest.approx(1.0)
-    decision = session.ask()
-    assert decision.scores["gain"] > 0.1
+    assert session.decision.scores["gain"] > 0.1
     assert session.place()[1] > 0.035
 
 
@@ -203,7 +209,7 @@ def test_presses_tell_which_assignment_of_touches_is_true(sensor):
     empty = belief.update(PlaceTouch((4, 4)))
     met = sensor.touched("cube", 3)
     session = sensor.session("cube")
-    session.tell_met(met.press(*met.world.objects[0].place[:2].tolist(), np.random.default_rng(0)))
+    session.tell_met(met.press(*met.world.objects[0].place[:2].tolist()))
     one = session.belief.worlds[0].found[0]
     sure = replace(session.belief.worlds[0], log_answers=np.log([1.0 - 2e-12, 1e-12, 1e-12]), log_weight=0.0)
     none = replace(empty.worlds[0], log_answers=np.log([1e-12, 1.0 - 1e-12]), log_weight=float(np.log(0.5)))
@@ -215,29 +221,81 @@ def test_presses_tell_which_assignment_of_touches_is_true(sensor):
     decided = replace(session.belief, worlds=(sure,))
     gave_up = sensor.decider().choose(decided, (0.0, 0.0), np.random.default_rng(0))
     assert gave_up.action == Unsure()  # no press tells more
-    assert gave_up.scores["stated"] == pytest.approx(1.0)
+    assert stated(standing_of(decided), gave_up.action) == pytest.approx(1.0)
 
 
 def test_a_robot_plays_a_session(sensor):
     world = TrayWorld.drawn(sensor.scene, replace(sensor.tray, present=1.0), 1, np.random.default_rng(3))
     session, rng = sensor.session("cube"), np.random.default_rng(4)
-    while isinstance(session.ask().action, Press):
+    while isinstance(session.ask(), Press):
         assert session.ask() is session.ask()
         met = world.press(*session.place(), rng)
         if met.image is None:
             session.tell(missed=True)
         else:
             session.tell(met.image, met.height)
-    action = session.ask().action
+    action = session.ask()
     assert isinstance(action, ConfirmAt)
     assert np.hypot(*(world.objects[0].place[:2] - action.place)) < 0.008
     with pytest.raises(InvalidArgument, match="has ended"):
         session.place()
     before, number = session.standing, len(session.steps)
-    session.undo()
-    assert len(session.steps) == number - 1
-    assert isinstance(session.ask().action, Press)
     assert before.target >= 0.95
+    with pytest.raises(InvalidArgument, match="has not ended"):
+        session.episode  # noqa: B018
+    session.tell()
+    assert (session.ask(), session.outcome, session.episode.success) == (None, "confirmed", None)
+    with pytest.raises(InvalidArgument, match="has ended"):
+        session.tell(missed=True, place=(0.05, 0.05))
+    session.reveal([(label, x, y) for label, x, y in world.lay])
+    assert session.episode.success
+    assert session.episode.is_there
+    assert (session.undo(), session.ask()) == ("done", action)
+    assert session.undo() == "touch"
+    assert len(session.steps) == number - 1
+    assert isinstance(session.ask(), Press)
+
+
+@pytest.mark.parametrize("decider", ["information_per_cost", "random"])
+def test_a_session_that_is_killed_at_every_step_is_the_search(two, decider, tmp_path):
+    """Beliefs, decisions and their chance are those of the search, whatever was taken back in between."""
+    expected = two.search("cube", decider, seed=5)
+    keyed, log, begun = two.touched("cube", 5), tmp_path / "log.jsonl", 5
+    session, ended = two.session("cube", decider, begun, log=log), False
+    while not ended:
+        action, place = session.ask(), None
+        if isinstance(action, Press):
+            place = session.place()
+            session.tell(missed=True, place=(0.05, 0.05))
+            assert session.undo() == "miss"
+            assert (session.ask(), session.place()) == (action, place)
+            session.tell_met(keyed.press(*place))
+        else:
+            session.tell()
+        with pytest.raises(AlreadyTold):
+            session.tell(missed=True, step=session.step - 1)
+        ended = session.ask() is None
+        if ended:
+            session.reveal(keyed.world.lay)
+        session.close()
+        session = two.session("cube", decider, begun, log=log)
+    assert replace(session.episode, seed=expected.seed) == expected
+    session.close()
+    twin = pickle.loads(pickle.dumps(session))
+    assert twin.standing == session.standing
+    for other, message in (
+        ({"seed": 6}, "another search: its seed"),
+        ({"decider": "raster"}, "another decider"),
+    ):
+        with pytest.raises(InvalidArgument, match=message):
+            two.session("cube", **{"decider": decider, "seed": begun, **other}, log=log)
+    three = {name: SHAPES[name] for name in ("sphere", "cube", "half_sphere")}
+    with pytest.raises(OtherModel, match="another reader"):
+        replace(two, scene=replace(two.scene, shapes=three)).session("cube", decider, begun, log=log)
+    header, line = read_journal(log)[:2]
+    Journal.create(tmp_path / "odd", [header, {**line, "told": "done"}]).close()
+    with pytest.raises(CorruptFile, match="no log of a session"):
+        two.session("cube", decider, begun, log=tmp_path / "odd")
 
 
 def test_a_session_refuses_what_makes_no_sense(sensor):
@@ -315,16 +373,23 @@ def test_the_command_continues_and_refuses_other_settings(tmp_path, capsys):
 
 def test_compare_and_find_play_the_drawer(monkeypatch, tmp_path):
     played = []
-    monkeypatch.setattr(Drawer, "run", lambda command: played.append(command))
-    choice = SceneChoice("drawer")
+    monkeypatch.setattr("experiments.search.drawer.drawer.report", lambda *given: played.append(given))
+    choice = SceneChoice("drawer(present=0.5)")
     Compare(targets=("cube",), episodes=2, setting=Setting(choice), out=tmp_path, jobs=1).run()
     Find(folder=tmp_path, target="mug", drawer=True, searches=3, objects=4, threshold=0.9, out=tmp_path, jobs=1).run()
-    first, second = played
-    assert (first.target, first.searches, first.out, first.deciders) == (("cube",), 2, tmp_path, Drawer().deciders)
-    assert (second.folder, second.target, second.searches) == (tmp_path, ("mug",), 3)
-    assert (second.objects, second.sure) == (4, 0.9)
-    with pytest.raises(BadArgument, match="the scene drawer takes"):
-        Compare(setting=Setting(choice, unlisted=0.1), out=tmp_path).run()
+    Drawer(sensor="coarse", size=(200.0, 150.0), push=2.0, sure=0.8, out=tmp_path, jobs=1).run()
+    usual = ("information_per_cost", "raster")
+    assert played == [
+        (Searches(tray=Tray(present=0.5)), usual, ("cube",), 2, tmp_path, 1, None),
+        (Searches("gel", tmp_path, (), Tray(num_objects=4), TrayRules(sure=0.9)), usual, ("mug",), 3, tmp_path, 1),
+        (
+            *(Searches("coarse", tray=Tray(size=(0.2, 0.15), push=0.002), rules=TrayRules(sure=0.8)), usual),
+            *((), 24, tmp_path, 1, None),
+        ),
+    ]
+    for wrong in (Setting(choice, unlisted=0.1), Setting(replace(choice, meshes=(tmp_path, tmp_path)))):
+        with pytest.raises(BadArgument, match="the scene drawer takes"):
+            Compare(setting=wrong, out=tmp_path).run()
 
 
 def test_strangers_are_told_from_the_shapes_of_the_files(two):
@@ -357,3 +422,44 @@ def test_the_environment_is_one_of_gymnasium(sensor):
     assert ends
     assert rewards[-1] > 0.5 if info["is_success"] else rewards[-1] < 0.0
     assert all(-1.0 < reward < 0.0 for reward in rewards[:-1])
+
+
+def test_the_answers_of_searches_in_trays_are_certified(sensor, tmp_path, monkeypatch):
+    """Searches end at the stated probability that calibration has found for each answer, in the certified world."""
+    monkeypatch.setattr(
+        TraySensor, "shipped", lambda name, meshes, tray, rules, _: replace(sensor, tray=tray, rules=rules)
+    )
+    monkeypatch.setattr(searches, "_MADE", {})
+    setting = Setting(SceneChoice("drawer(size=(0.13, 0.1), present=0.6)"), Path("coarse"), 1)
+    given = {"decider": "random", "risk": 0.2, "setting": setting, "jobs": 1, "out": tmp_path / "c.json"}
+    with pytest.raises(TooFewSearches, match="too few"):
+        Certify(**given, searches=40).run()
+    assert not (tmp_path / "c.json").exists()
+    Certify(**given, searches=150).run()
+    found = Certificate.load(tmp_path / "c.json")
+    assert found.answers == ("here", "absent")
+    assert all(wrong <= 0.2 * stops for stops, wrong in zip(found.stops, found.wrong, strict=True))
+    assert "P(wrong | answer) ≤ 0.2 for every answer" in str(found)
+    certified = sensor.certified(found, "random")
+    here, absent = (max(0.5, limit) for limit in found.thresholds)
+    assert certified.rules == replace(sensor.rules, sure=here, sure_absent=absent)
+    ends = [certified.search("cube", "random", seed=seed) for seed in range(20)]
+    for one in ends:
+        assert one.stated >= {"here": here, "absent": absent, "unsure": 0.0}[one.answer]
+        assert all(step.target < here and step.absent < absent for step in one.steps[:-1])
+    shapes = {name: SHAPES[name] for name in ("sphere", "cube")}
+    tray = {"sensor": "coarse", "shapes": shapes, "tray": _SMALL, "num_searches": 2, "jobs": 1}
+    played = drawer(["random"], targets=["cube"], certificate=tmp_path / "c.json", **tray).episodes["random"]
+    expected = [certified.search("cube", "random", seed=(0, number)) for number in (0, 1)]
+    assert [one.steps for one in played] == [one.steps for one in expected]
+    for wrong in (
+        lambda: sensor.certified(found, "raster"),
+        lambda: sensor.certified(found, "random", ["sphere", "cone"]),
+        lambda: replace(sensor, tray=replace(sensor.tray, present=0.5)).certified(found, "random"),
+    ):
+        with pytest.raises(NotCertified):
+            wrong()
+    with pytest.raises(InvalidArgument, match="one decider"):
+        drawer(["random", "raster"], certificate=found, **tray)
+    with pytest.raises(BadArgument, match="the scene drawer takes"):
+        Certify(**{**given, "setting": replace(setting, unlisted=0.1)}, searches=150).run()

@@ -76,3 +76,15 @@ def test_its_touches_are_those_of_a_search_with_its_seed(model):
     decider = SequentialDecider(PosteriorThresholds(1.0, 0.0, 6), GivenOrder(("c", "a", "b")))
     search(Recording(model, [1, 2]), decider, problem, 0, model, 3)
     np.testing.assert_array_equal(named, felt[:6])
+
+
+def test_an_opinion_is_believed_before_the_first_touch(model):
+    """It adds the log odds that a tempered opinion has, whatever is felt."""
+    found = [
+        identify(SyntheticWorld(model, [1]), GivenOrder(POSES), model, POSES, 3, None, max_touches=1, opinion=opinion)
+        for opinion in (None, [0.7, 0.1, 0.1, 0.1])
+    ]
+    plain, with_opinion = (one.log_probs[0] for one in found)
+    shift = (with_opinion - plain) - (with_opinion - plain)[1]
+    assert shift[0] > 0.5
+    np.testing.assert_allclose(shift[1:], 0.0, atol=1e-5)

@@ -6,23 +6,29 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from belief.codec import from_fields, to_fields
+from belief.codec import OPTIONAL, from_fields, to_fields
 from belief.constraints import Checked, Count
 from belief.errors import UnknownName
 from belief.problem import SearchProblem
 from experiments.command_line.arguments import BadArgument, Seed, Trust
+from experiments.parallel import run_tasks
+from experiments.search.benchmark.submission import PlayedBatch, batches_of
 from experiments.search.comparison import prepared
 from experiments.search.play import EPISODES_PER_BATCH, Setting
 from experiments.search.run import Run
 from planners import Decider
 from planners.fingerprint import files_digest
+from planners.registry import DECIDERS
 from planners.solve import one_touch_bound
+
+if TYPE_CHECKING:
+    from experiments.search.benchmark.trays import TrayTask
 
 TASKS = Path(__file__).parent / "tasks"
 
@@ -39,6 +45,7 @@ class Card(Checked):
         episodes: searches for each target.
         seed: of the development searches.
         sensor_sha256: digest of the files of the sensor.
+        oracle: return of an agent that is told what each touch meets, where no bound is known, as in trays.
     """
 
     name: str
@@ -48,6 +55,7 @@ class Card(Checked):
     seed: Seed
     sensor_sha256: str
     targets: tuple[str, ...] = ()
+    oracle: Annotated[float | None, OPTIONAL] = None
 
     @classmethod
     def named(cls, name: str) -> Card:
@@ -73,6 +81,15 @@ class Card(Checked):
         return Setting.from_dict(self.setting, Trust(TASKS / f"{self.name}.json", everything=True))
 
     @cached_property
+    def tray(self) -> TrayTask | None:
+        """The task, if its objects lie in a tray."""
+        if "scene" not in self.setting:
+            return None
+        from experiments.search.benchmark.trays import TrayTask  # whose modules no other task needs
+
+        return from_fields(TrayTask, self.setting)
+
+    @cached_property
     def problem(self) -> SearchProblem:
         """The rules of a search."""
         return self.rules.problem
@@ -80,11 +97,27 @@ class Card(Checked):
     @property
     def sought(self) -> tuple[str, ...]:
         """The targets, of which none is left out."""
-        return self.targets or tuple(self.problem.shape_labels)
+        return self.targets or (self.tray.made.shape_labels if self.tray else tuple(self.problem.shape_labels))
+
+    @property
+    def num_objects(self) -> int:
+        """Objects of a search."""
+        return self.tray.made.tray.num_objects if self.tray else self.problem.num_objects
+
+    @property
+    def deciders(self) -> Mapping[str, Any]:
+        """The deciders of this package that can play, by name."""
+        if self.tray:
+            from activetouch.tray.sensor import DECIDERS as IN_TRAYS
+
+            return IN_TRAYS
+        return DECIDERS
 
     @cached_property
     def bound(self) -> float:
-        """The largest expected return with any sensor: one touch reveals a shape."""
+        """The largest expected return with any sensor: one touch reveals a shape; in a tray, that of the oracle."""
+        if self.oracle is not None:
+            return self.oracle
         return float(np.mean([one_touch_bound(self.problem.seeking(target), target) for target in self.sought]))
 
     def batches(self) -> list[tuple[str, range]]:
@@ -99,14 +132,32 @@ class Card(Checked):
         Raises:
             BadArgument: this installation has another sensor than the task.
         """
-        found = files_digest(self.rules.sensor_files(self.rules.scene))
+        self.require_sensor()
+        run = prepared(self.rules, deciders, targets=self.targets, episodes=self.episodes, seed=self.seed, jobs=jobs)
+        return run if seed is None else replace(run, searches=replace(run.searches, seed=seed))
+
+    def play(self, name: str, player: Decider | str, jobs: int, seed: int | None = None) -> list[PlayedBatch]:
+        """All batches, played by an agent; arguments as of :meth:`run`, which says what it raises."""
+        if self.tray is None:
+            run = self.run({name: player}, jobs, seed)
+            run.play(jobs)
+            return [*batches_of(run, name)]
+        self.require_sensor()
+        self.tray.made.belief(0)  # which prepares what all processes share
+        seed = self.seed if seed is None else seed
+        tasks = [partial(self.tray.batch, seed, target, numbers, player) for target, numbers in self.batches()]
+        found = {(batch.target, batch.first): batch for batch in run_tasks(tasks, jobs, "searching in trays")}
+        return [found[target, numbers.start] for target, numbers in self.batches()]
+
+    def require_sensor(self) -> None:
+        """Raise BadArgument if this installation has another sensor than the task."""
+        tray = self.tray
+        found = tray.made.identity if tray else files_digest(self.rules.sensor_files(self.rules.scene))
         if found != self.sensor_sha256:
             raise BadArgument(
                 f"the task {self.name} is that of the sensor {self.sensor_sha256[:12]}, this version of activetouch "
                 f"has {found[:12]}: play it with the version that made the task, or another task"
             )
-        run = prepared(self.rules, deciders, targets=self.targets, episodes=self.episodes, seed=self.seed, jobs=jobs)
-        return run if seed is None else replace(run, searches=replace(run.searches, seed=seed))
 
 
 @cache

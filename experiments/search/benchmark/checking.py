@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,7 +31,9 @@ from planners import Decider, Decision, InformationState
 from planners.decider import num_touches
 from planners.episode import ACTIONS
 from planners.fingerprint import code_versions, versions
-from planners.registry import DECIDERS
+
+if TYPE_CHECKING:
+    from experiments.search.benchmark.trays import TrayTask
 
 _ROUNDED = 1e-6  # of stated probabilities, on the same kind of processor
 _ELSEWHERE, _ODD_SHARE = 0.02, 0.01  # difference on another one, and the share of searches that may differ by more
@@ -130,7 +132,7 @@ def _read(path: Path, hidden: HiddenSeeds | None) -> Entry:
         return replace(entry, faults=("its searches are not those of the task, each once, in their order",))
     faults, outcomes = _followed(found, card, _seed_of(card, found, hidden))
     faults += [*_times(found), *_twice(found.searches)]
-    confirmed = [search for search in found.searches if search.outcome == Outcome.CONFIRMED]
+    confirmed = [search for search in found.searches if search.outcome == Outcome.CONFIRMED and search.probs]
     if said := _knows_more([search for search in confirmed if not search.num_touches]):
         faults.append(f"without a touch, it is {said}: it knows the objects")
     notes = [f"it is {said}: it reads touches better than the sensor, or knows the objects"] * bool(
@@ -157,33 +159,45 @@ def _followed(found: Submission, card: Card, seed: int) -> tuple[list[str], Outc
     """Faults of the searches by the rules alone, and what they reached: objects follow from the seeds."""
     faults, rows = [], []
     for batch in found.batches:
-        target = card.problem.shape_labels.index(batch.target)
-        problem = card.problem.seeking(batch.target)
         for number, search in enumerate(batch.searches, batch.first):
             place = f"target {batch.target}, search {number}"
-            arrangement = sample_arrangement(problem, arrangement_rng((seed, target, number)))
-            walked = _walked(problem, search)
-            if isinstance(walked, str):
-                faults.append(f"{place}: {walked}")
+            judged = _judged(card, seed, batch.target, number, search)
+            if isinstance(judged, str):
+                faults.append(f"{place}: {judged}")
                 continue
-            outcome, current, touches = walked
-            success = bool(success_of(outcome, target, arrangement, current))
+            outcome, *reached = judged
+            success = reached[0]
             if (search.outcome, search.success) != (outcome.value, success):
                 stated = f"{search.outcome}, {'right' if search.success else 'wrong'}"
                 faults.append(f"{place}: its actions end it {outcome}, {'right' if success else 'wrong'}, not {stated}")
-            shape = arrangement[current] if outcome is Outcome.CONFIRMED else None
-            present = target in arrangement or outcome is Outcome.TRUNCATED
-            reward = problem.reward(shape, target, touches, present, outcome is Outcome.UNSURE)
-            rows.append((success, touches, reward))
+            rows.append(reached)
     columns = [*zip(*rows, strict=True)] or [(), (), ()]
     return faults, Outcomes(np.array(columns[0], bool), *(np.array(column, float) for column in columns[1:]))
+
+
+def _judged(card: Card, seed: int, target: str, number: int, search: Played) -> tuple[Outcome, bool, int, float] | str:
+    """How a search ends by its actions, whether it is right, its touches and return; or what is wrong with it."""
+    if len(search.probs) != len(search.actions) or not all(0.0 <= prob <= 1.0 for prob in search.probs):
+        return "there must be a probability in [0, 1] for every action"
+    if not search.actions:
+        return "it has no end"
+    if card.tray is not None:
+        return card.tray.judged((seed, number), target, search)
+    shape, problem = card.problem.shape_labels.index(target), card.problem.seeking(target)
+    arrangement = sample_arrangement(problem, arrangement_rng((seed, shape, number)))
+    walked = _walked(problem, search)
+    if isinstance(walked, str):
+        return walked
+    outcome, current, touches = walked
+    success = bool(success_of(outcome, shape, arrangement, current))
+    confirmed = arrangement[current] if outcome is Outcome.CONFIRMED else None
+    present = shape in arrangement or outcome is Outcome.TRUNCATED
+    return outcome, success, touches, problem.reward(confirmed, shape, touches, present, outcome is Outcome.UNSURE)
 
 
 def _walked(problem: SearchProblem, search: Played) -> tuple[Outcome, int, int] | str:
     """Outcome, object and touches that the actions of a search lead to, or what is wrong with them."""
     current = touches = 0
-    if len(search.probs) != len(search.actions) or not all(0.0 <= prob <= 1.0 for prob in search.probs):
-        return "there must be a probability in [0, 1] for every action"
     for number, action in enumerate(search.actions):
         ended: Outcome | None = None
         if isinstance(action, int):
@@ -240,16 +254,13 @@ def _with_replay(entry: Entry, share: float, hidden: HiddenSeeds | None, jobs: i
     chosen = [batch for batch, at in zip(found.batches, drawn, strict=True) if at <= max(share, drawn.min())]
     header, faults, notes = found.header, list(entry.faults), list(entry.notes)
     is_same = header.processor == processor() and header.versions.items() >= versions().items()
-    is_own = is_same and header.versions.get("code") == code_versions()["code"] and header.agent in DECIDERS
-    name = header.agent if is_own else "random_confirm"
+    is_own = is_same and header.versions.get("code") == code_versions()["code"] and header.agent in card.deciders
     try:
-        run = card.run({name: name}, jobs, _seed_of(card, found, hidden))
+        tasks = _replays(card, chosen, header.agent if is_own else None, _seed_of(card, found, hidden), jobs)
     except ActiveTouchError as error:
         if not is_own:
             raise
-        return replace(entry, faults=(*faults, f"{name} does not play this task: {error}"))
-    shared = Shared((run.searches, run.deciders[name] if is_own else None))
-    tasks: list[Task[tuple[PlayedBatch, PlayedBatch]]] = [partial(_replayed, shared, batch) for batch in chosen]
+        return replace(entry, faults=(*faults, f"{header.agent} does not play this task: {error}"))
     odd, here, there = 0, Seconds(), Seconds()
     for stated, again in run_tasks(tasks, jobs, "replaying"):
         here, there = here + again.seconds, there + stated.seconds
@@ -269,6 +280,27 @@ def _with_replay(entry: Entry, share: float, hidden: HiddenSeeds | None, jobs: i
             f"its touches took {there.physics + there.network:.2f} s, here {here.physics + here.network:.2f} s"
         )
     return replace(entry, faults=tuple(faults), notes=tuple(notes), replayed=number)
+
+
+def _replays(
+    card: Card, chosen: Sequence[PlayedBatch], own: str | None, seed: int, jobs: int | None
+) -> list[Task[tuple[PlayedBatch, PlayedBatch]]]:
+    """Tasks that play batches again: by one of the package's own deciders, or following the record."""
+    if card.tray is not None:
+        card.require_sensor()
+        card.tray.made.belief(0)  # which prepares what all processes share
+        return [partial(_replayed_in_tray, card.tray, seed, own, batch) for batch in chosen]
+    name = own or "random_confirm"
+    run = card.run({name: name}, jobs, seed)
+    shared = Shared((run.searches, run.deciders[name] if own else None))
+    return [partial(_replayed, shared, batch) for batch in chosen]
+
+
+def _replayed_in_tray(
+    tray: TrayTask, seed: int, own: str | None, batch: PlayedBatch
+) -> tuple[PlayedBatch, PlayedBatch]:
+    numbers = range(batch.first, batch.first + len(batch.searches))
+    return batch, tray.batch(seed, batch.target, numbers, own or "random", () if own else batch.searches)
 
 
 def _replayed(shared: Shared[tuple[Searches, Decider | None]], batch: PlayedBatch) -> tuple[PlayedBatch, PlayedBatch]:
@@ -357,7 +389,11 @@ def _of_task(task: str, seeds: str, entries: Sequence[Entry], rng: np.random.Gen
     own = {name: entry for name, entry in named_apart(entries).items() if entry.outcomes is not None}
     outcomes = {name: entry.outcomes for name, entry in own.items() if entry.outcomes is not None}
     letters = groups({name: one.reward for name, one in outcomes.items()}, rng)
-    bound, rows = Card.named(task).bound, list[Sequence[Value]]()
+    card, rows = Card.named(task), list[Sequence[Value]]()
+    bound, who = (
+        card.bound,
+        "no agent with any sensor returns more than" if card.oracle is None else "an oracle returns",
+    )
     for name, letter in letters.items():
         one, found = outcomes[name], own[name].submission
         assert found is not None, "it was read"
@@ -373,8 +409,8 @@ def _of_task(task: str, seeds: str, entries: Sequence[Entry], rng: np.random.Gen
             *(("return", ".3f"), ("95 % ", ".2f"), ("to bound", ".3f"), ("ms", ".1f")),
         ],
         rows,
-        "Agents that share a letter cannot be told apart by their returns on the same searches. To bound: no agent "
-        f"with any sensor returns more than {bound:.3f} on average. ms: for a decision, as each file states it.",
+        "Agents that share a letter cannot be told apart by their returns on the same searches. "
+        f"To bound: {who} {bound:.3f} on average. ms: for a decision, as each file states it.",
         f"{task}_results",
     )
     best, *others = letters

@@ -21,7 +21,6 @@ from experiments.search.benchmark.submission import (
     FORMAT,
     Header,
     Submission,
-    batches_of,
     processor,
 )
 from planners import Decider
@@ -124,20 +123,16 @@ def play(
         if not is_without_network():
             print("this machine has no unshare: the agent keeps its network", file=sys.stderr)
     jobs = default_jobs() if jobs is None else jobs
-    run = card.run({name: player}, jobs, None if hidden is None else hidden.seed(card))
     started = time.perf_counter()
-    run.play(jobs)
+    batches = card.play(name, player, jobs, None if hidden is None else hidden.seed(card))
     elapsed = time.perf_counter() - started
     seeds = DEVELOPMENT if hidden is None else hidden.digest
     about = (FORMAT, card.name, card.digest, name, words, seeds, code_versions(), processor())
-    return Submission(Header(*about, jobs, elapsed), [*batches_of(run, name)])
+    return Submission(Header(*about, jobs, elapsed), batches)
 
 
 def listed(cards: list[Card]) -> Table:
     """The tasks in a table."""
-    rows = [
-        (card.name, card.problem.num_objects, len(card.sought) * card.episodes, card.bound, card.summary)
-        for card in cards
-    ]
+    rows = [(card.name, card.num_objects, len(card.sought) * card.episodes, card.bound, card.summary) for card in cards]
     columns = ["task", ("objects", "d"), ("searches", "d"), ("bound", ".3f"), ("what", "")]
     return Table("Tasks", columns, rows)

@@ -35,7 +35,8 @@ FORMAT = 1
 DEVELOPMENT = "development"
 """What a header says of the seeds that a card names; of hidden ones it says the digest of their file."""
 _MOST_COMPRESSED, _MOST_BYTES, _LONGEST_TEXT = 8 << 20, 64 << 20, 400
-_DIGITS, _HEX = 6, 16  # of stated probabilities, and of digests of touches
+DIGITS, HEX = 6, 16
+"""Of stated probabilities, and of digests of touches."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,8 @@ class Played:
                 read = step.touch.features if step.touch.logits is None else step.touch.logits
                 felt.update(np.asarray(read, np.float64).tobytes())
         probs = (min(float(step.belief.probs[episode.target]), 1.0) for step in episode.steps)
-        stated = tuple(round(prob, _DIGITS) for prob in probs)
-        return cls(tuple(actions), stated, felt.hexdigest()[:_HEX], episode.outcome.value, bool(episode.success))
+        stated = tuple(round(prob, DIGITS) for prob in probs)
+        return cls(tuple(actions), stated, felt.hexdigest()[:HEX], episode.outcome.value, bool(episode.success))
 
     @property
     def num_touches(self) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +18,7 @@ import tyro
 
 from activetouch.tray.world import Tray
 from belief.constraints import NotNegative, Positive, Probability, Share, Within
+from belief.errors import InvalidArgument
 from belief.files import claim_folder, ends_claims
 from belief.statistics.comparison import wilson_interval
 from belief.table import Table
@@ -27,10 +28,13 @@ from experiments.parallel import default_jobs, run_tasks
 from experiments.report import Report, Reported, Section
 from experiments.search.drawer.page import searches_from_above
 from experiments.search.drawer.searches import Key, Searches, read_searches, write_searches
+from planners.certified import Certificate
 from planners.tray import TrayRules
 from planners.tray_session import TrayEpisode
 
 Shapes = Mapping[str, Any] | Sequence[Path | str] | Path | None
+USUAL_DECIDERS, USUAL_SEARCHES = ("information_per_cost", "raster"), 24
+"""What the command plays by default."""
 _AT_ONCE = 4  # searches of a task
 _FILE = "episodes.jsonl"
 
@@ -134,7 +138,7 @@ class Drawers(Reported):
 
 
 def drawer(
-    deciders: Sequence[str] = ("information_per_cost", "raster"),
+    deciders: Sequence[str] = USUAL_DECIDERS,
     *,
     sensor: str = "gel",
     shapes: Shapes = None,
@@ -146,11 +150,12 @@ def drawer(
     seed: int = 0,
     out: str | Path | None = None,
     jobs: int | None = None,
+    certificate: str | Path | Certificate | None = None,
 ) -> Drawers:
     """Search in trays with several deciders.
 
     Args:
-        deciders: keys of :data:`activetouch.tray.sensor.DECIDERS`.
+        deciders: as of :meth:`activetouch.tray.sensor.TraySensor.decider`.
         sensor: scene whose pad comes down: gel, coarse or hard.
         shapes: that the objects may have: solids by label, a folder of mesh files, or mesh files; the twelve shapes of
             the scene ``many`` by default.
@@ -162,17 +167,37 @@ def drawer(
         seed: of objects and touches.
         out: folder in which finished searches are kept.
         jobs: number of processes; as many as processors by default.
+        certificate: of ``activetouch certify --scene drawer`` for the only decider, by whose thresholds searches end.
 
     Raises:
         UnknownName: there is no such sensor, target or decider.
-        InvalidArgument: there are fewer shapes than objects.
+        InvalidArgument: there are fewer shapes than objects, or more deciders than the certificate is for.
+        NotCertified: the certificate was made for something else.
     """
-    require_count("num_searches", num_searches)
     searches = Searches(sensor, shapes, strangers, tray or Tray(), rules or TrayRules(), seed)
+    return play(searches, deciders, targets, num_searches, out, jobs, certificate)
+
+
+def play(
+    searches: Searches,
+    deciders: Sequence[str],
+    targets: Sequence[str] = (),
+    num_searches: int = USUAL_SEARCHES,
+    out: str | Path | None = None,
+    jobs: int | None = None,
+    certificate: str | Path | Certificate | None = None,
+) -> Drawers:
+    """:func:`drawer` with one record of what determines a search."""
+    require_count("num_searches", num_searches)
     made = searches.made()
+    made.belief(0)  # which prepares what all searches share
     for decider in deciders:
-        made.decider(decider)  # which also prepares what all searches share
+        made.decider(decider)
     labels = list(targets) or list(made.shape_labels)
+    if certificate is not None:
+        if len(deciders) != 1:
+            raise InvalidArgument(f"a certificate is for one decider, got {', '.join(deciders)}")
+        searches = replace(searches, rules=made.certified(certificate, deciders[0], labels).rules)
     keys = [(decider, labels[number % len(labels)], number) for number in range(num_searches) for decider in deciders]
     kept = {} if out is None else read_searches(Path(out) / _FILE, searches)
     missing = [key for key in keys if key not in kept]
@@ -183,6 +208,24 @@ def drawer(
             write_searches(Path(out) / _FILE, searches, kept)
     by_decider = {name: [kept[key] for key in keys if key[0] == name] for name in dict.fromkeys(deciders)}
     return Drawers(searches, by_decider)
+
+
+def report(
+    searches: Searches,
+    deciders: Sequence[str],
+    targets: Sequence[str],
+    num_searches: int,
+    out: Path,
+    jobs: int,
+    certificate: Path | None = None,
+) -> None:
+    """:func:`play`, print the table, and write the report."""
+    claim_folder(out)
+    start = time.perf_counter()
+    found = play(searches, deciders, targets, num_searches, out, jobs, certificate)
+    print(found.table(), end="\n\n")
+    print(*found.verdict(), sep="\n")
+    print(f"{time.perf_counter() - start:.0f} s; report: {found.save(out)}")
 
 
 def _played(searches: Searches, keys: Sequence[Key]) -> dict[Key, TrayEpisode]:
@@ -214,9 +257,9 @@ class Drawer:
     """Shapes that are sought, in turn; all by default."""
     sensor: str = "gel"
     """Scene whose pad comes down on the tray: gel, coarse or hard."""
-    deciders: tuple[str, ...] = ("information_per_cost", "raster")
-    """Deciders: information_per_cost, raster, random."""
-    searches: Count = 24
+    deciders: tuple[str, ...] = USUAL_DECIDERS
+    """information_per_cost, raster or random, with or without settings; module:attribute; or process:COMMAND."""
+    searches: Count = USUAL_SEARCHES
     """Searches of each decider."""
     objects: Count = 6
     """Objects in the tray."""
@@ -234,6 +277,8 @@ class Drawer:
     """Cost of a metre of travel, in touches."""
     sure: Share = 0.95
     """Stated probability from which the search ends."""
+    certificate: Path | None = None
+    """Certificate of activetouch certify --scene drawer, which says when searches of the only decider end."""
     seed: Seed = 0
     """Seed of objects and touches."""
     out: Path = Path("runs/drawer")
@@ -245,8 +290,6 @@ class Drawer:
     def run(self) -> None:
         """Search, print the table, write the report."""
         check_arguments(self)
-        claim_folder(self.out)
-        start = time.perf_counter()
         tray = Tray(
             size=(self.size[0] / 1000.0, self.size[1] / 1000.0),
             num_objects=self.objects,
@@ -254,19 +297,6 @@ class Drawer:
             push=self.push / 1000.0,
             unlisted=(0.0 if self.strangers is None else 0.3) if self.unlisted is None else self.unlisted,
         )
-        found = drawer(
-            self.deciders,
-            sensor=self.sensor,
-            shapes=self.folder,
-            strangers=self.strangers or (),
-            targets=self.target,
-            num_searches=self.searches,
-            tray=tray,
-            rules=TrayRules(self.travel, self.sure),
-            seed=self.seed,
-            out=self.out,
-            jobs=self.jobs,
-        )
-        print(found.table(), end="\n\n")
-        print(*found.verdict(), sep="\n")
-        print(f"{time.perf_counter() - start:.0f} s; report: {found.save(self.out)}")
+        rules = TrayRules(self.travel, self.sure)
+        searches = Searches(self.sensor, self.folder, self.strangers or (), tray, rules, self.seed)
+        report(searches, self.deciders, self.target, self.searches, self.out, self.jobs, self.certificate)

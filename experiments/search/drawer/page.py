@@ -65,7 +65,7 @@ def believed(searches: Searches, episode: TrayEpisode, number: int) -> TrayBelie
     sensor = searches.made()
     touched, session = sensor.touched(episode.target, episode.seed), sensor.session(episode.target)
     for step in episode.steps[:number]:
-        session.tell_met(touched.press(*step.place, np.random.default_rng(0)), step.place)
+        session.tell_met(touched.press(*step.place), step.place)
     return session.belief
 
 

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from activetouch.tray.sensor import TraySensor
 from activetouch.tray.world import Tray
+from belief.codec import from_fields, to_fields
 from belief.errors import CorruptFile, InvalidArgument
 from belief.files import write_text
+from belief.references import BadReference, Reference, build
+from experiments.command_line.arguments import BadArgument
+from experiments.scene_choice import SceneChoice
+from experiments.search.play import Setting
 from planners.tray import TrayRules
-from planners.tray_session import TrayEpisode, TrayStep
+from planners.tray_session import TrayEpisode
 
 Key: TypeAlias = tuple[str, str, int]
 """Decider, target and number of a search."""
@@ -38,6 +43,30 @@ class Searches:
     tray: Tray = field(default_factory=Tray)
     rules: TrayRules = field(default_factory=TrayRules)
     seed: int = 0
+
+    @classmethod
+    def of(cls, setting: Setting, seed: int = 0) -> Searches:
+        """Those of a scene ``drawer(setting=value, ...)``, whose settings are those of tray and rules.
+
+        Raises:
+            BadArgument: the setting has what trays do not know.
+            BadReference: the scene has no such setting.
+        """
+        choice, number = setting.choice, setting.num_objects
+        plain = replace(setting, choice=replace(choice, scene=SceneChoice.scene, meshes=(), only=False))
+        if replace(plain, sensor=None, num_objects=None) != Setting() or len(choice.meshes) > 1:
+            raise BadArgument(
+                "the scene drawer takes the pad of --sensor gel, coarse or hard, --meshes FOLDER, a number of objects, "
+                f"and settings of its own, as in 'drawer(size=(0.3, 0.2), present=0.5)'; got {setting}"
+            )
+        given = dict(Reference.parse(choice.scene).settings) | ({} if number is None else {"num_objects": number})
+        known = {field.name: kind for kind in (Tray, TrayRules) for field in fields(kind)}
+        if unknown := given.keys() - known:
+            raise BadReference(f"the scene drawer has no setting {min(unknown)!r}; it has {', '.join(known)}")
+        tray, rules = ({n: value for n, value in given.items() if known[n] is kind} for kind in (Tray, TrayRules))
+        shapes = choice.meshes[0] if choice.meshes else None
+        made = build("drawer", Tray, tray, {}), build("drawer", TrayRules, rules, {})
+        return cls(str(setting.sensor or cls.sensor), shapes, (), *made, seed)
 
     def made(self) -> TraySensor:
         """The sensor; the same one at the next call."""
@@ -69,7 +98,7 @@ def write_searches(path: Path, searches: Searches, kept: Mapping[Key, TrayEpisod
     """Write searches to a file, atomically."""
     lines = [json.dumps({"searches": searches.key})]
     for key in sorted(kept):
-        episode = asdict(kept[key])
+        episode = to_fields(kept[key])
         lines.append(json.dumps({"decider": key[0], "number": key[2], **episode}))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, "\n".join(lines) + "\n")
@@ -85,15 +114,9 @@ def read_searches(path: Path, searches: Searches) -> dict[Key, TrayEpisode]:
         if json.loads(head)["searches"] != searches.key:
             raise InvalidArgument(f"{path} holds searches with other settings: choose another folder, or delete it")
         for line in lines:
-            fields = json.loads(line)
-            decider, number = fields.pop("decider"), fields.pop("number")
-            fields["steps"] = tuple(TrayStep(tuple(place), *others) for place, *others in fields["steps"])
-            fields["objects"] = tuple((str(name), float(x), float(y)) for name, x, y in fields["objects"])
-            fields |= {
-                "seed": tuple(fields["seed"]),
-                "place": None if fields["place"] is None else tuple(fields["place"]),
-            }
-            episode = TrayEpisode(**fields)
+            read = json.loads(line)
+            decider, number = read.pop("decider"), read.pop("number")
+            episode = from_fields(TrayEpisode, read)
             found[str(decider), episode.target, int(number)] = episode
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, InvalidArgument):

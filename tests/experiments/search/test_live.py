@@ -17,12 +17,19 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.recorded import RecordedTouches, read_recorded
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.shapes import EXTENDED_SHAPES
+from activetouch.tray.sensor import TraySensor
+from activetouch.tray.world import Tray
 from belief import Probe, Touch
 from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import RigidBodyModel
+from belief.references import BadReference
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
-from experiments.search.live import MOST_BYTES, Conversation, Live, converse, requests
+from experiments.command_line.arguments import BadArgument
+from experiments.scene_choice import SceneChoice
+from experiments.search.drawer import searches
+from experiments.search.live import MOST_BYTES, Conversation, Live, TrayConversation, converse, requests
 
 pytestmark = pytest.mark.mujoco
 KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)
@@ -409,3 +416,83 @@ def test_a_decider_that_exits_ends_no_conversation():
         assert (answer["error"], answer["id"], answer["step"]) == ("CodeFailed", 1.5, 0)
         assert "sys.exit(0)" in answer["message"]
     assert asked(talk, do="state")["ok"]
+
+
+TRAY = Tray(size=(0.16, 0.12), num_objects=2, present=0.7)
+SCENE = "drawer(size=(0.16, 0.12), present=0.7)"
+
+
+@pytest.fixture(scope="module")
+def in_tray():
+    shapes = {name: EXTENDED_SHAPES[name] for name in ("sphere", "cube", "half_sphere", "torus")}
+    return TraySensor.shipped("coarse", shapes, TRAY)
+
+
+def test_a_search_in_a_tray_over_a_pipe_that_is_broken_off_is_the_search(in_tray, tmp_path, monkeypatch, capfd):
+    """The lines are those of all searches; places take the part of poses."""
+    monkeypatch.setattr(TraySensor, "shipped", lambda name, meshes, tray, rules, _: replace(in_tray, tray=tray))
+    monkeypatch.setattr(searches, "_MADE", {})
+    expected, keyed, log = in_tray.search("torus", seed=2), in_tray.touched("torus", 2), tmp_path / "log.jsonl"
+    choice = SceneChoice(scene=SCENE)
+    given = {"target": "torus", "sensor": Path("coarse"), "choice": choice, "objects": 2, "log": log, "seed": 2}
+
+    def says(**request):
+        (answer,), err = lines_of(capfd, monkeypatch, json.dumps(request).encode() + b"\n", **given)
+        assert f"log: {log}" in err  # each line has its own session, as after a kill
+        return answer
+
+    assert says(do="hello") == {
+        "ok": True,
+        "schema": "activetouch live 1",
+        "shapes": list(in_tray.shape_labels),
+        "target": "torus",
+        "num_objects": 2,
+        "size": [0.16, 0.12],
+        "touch_limit": 150,
+        "image": {"shape": [4, 4], "dtype": "uint8"},
+        "step": 0,
+    }
+    while (question := says(do="ask"))["action"] == "touch":
+        met = keyed.press(*question["place"])
+        felt = {"missed": True} if met.image is None else {"image": met.image.tolist(), "height": met.height}
+        told = says(do="tell", step=question["step"], **felt)
+        assert told["told"] == ("miss" if met.image is None else "touch")
+    assert question["action"] == {"here": "confirm", "absent": "reject", "unsure": "unsure"}[expected.answer]
+    assert question.get("place") == (None if expected.place is None else list(expected.place))
+    assert says(do="tell", step=question["step"], missed=True)["message"].startswith("the search has ended")
+    assert says(do="tell", step=question["step"], done=True)["told"] == "done"
+    assert says(do="tell", step=question["step"], done=True)["error"] == "AlreadyTold"
+    assert says(do="ask")["outcome"] == {"here": "confirmed", "absent": "exhausted"}[expected.answer]
+    assert says(do="reveal", arrangement=[*map(list, keyed.world.lay)])["success"] == expected.success
+    ended = says(do="state")
+    assert (ended["num_touches"], ended["success"]) == (expected.num_touches, expected.success)
+    assert max(ended["absent"], *(one["prob"] for one in ended["places"])) == pytest.approx(expected.stated)
+    assert says(do="undo")["undone"] == "done"
+    for wrong in ({"never_unsure": True}, {"choice": SceneChoice(SCENE, meshes=(tmp_path, tmp_path))}):
+        with pytest.raises(BadArgument, match="the scene drawer takes"):
+            Live(**{**given, **wrong}).run()
+    with pytest.raises(BadReference, match="no setting 'sizes_of'; it has size"):
+        Live(**{**given, "choice": SceneChoice("drawer(sizes_of=1)")}).run()
+    with pytest.raises(InvalidArgument, match="another search: its size"):
+        Live(**{**given, "choice": SceneChoice("drawer(present=0.7)")}).run()
+
+
+def test_hostile_lines_change_nothing_in_a_tray(in_tray, tmp_path):
+    session = in_tray.session("cube", log=tmp_path / "log")
+    talk, rng = TrayConversation(session, in_tray), np.random.default_rng(1)
+    good = {"do": "tell", "step": 0, "image": [[0, 9, 9, 0]] * 4, "height": 0.03}
+    wrong = [{"height": value} for value in (None, -1, 0, "high", [])]
+    wrong += [
+        {"place": value} for value in ("ab", [], [1], [0.1, "x"], [0.1, 9.0], [-0.1, 0.1], {"x": 0.1}, [[0.1], [0.1]])
+    ]
+    wrong += [{"pose": "y45"}, {"image": [[1, 2], [3]]}, {"image": [[300] * 4] * 4}, {"missed": True}, {"done": True}]
+    lines = [json.dumps({**good, **one}).encode() + b"\n" for one in wrong] + hostile(rng, 200)
+    lines += [json.dumps({"do": "reveal", "arrangement": one}).encode() for one in ([], ["cube"], [["mug", 0.1, 0.1]])]
+    lines += [json.dumps({"do": "reveal", "arrangement": [["cube", 0.1, at]]}).encode() for at in (2.0, "x", None)]
+    before, question = (tmp_path / "log").read_bytes(), talk.answer(b'{"do": "ask"}\n')
+    found = [json.loads(talk.answer(line)) for line in lines]
+    assert [answer["ok"] for answer in found] == [False] * len(lines)
+    assert all(answer["message"] and answer["step"] == 0 for answer in found)
+    assert (talk.answer(b'{"do": "ask"}\n'), (tmp_path / "log").read_bytes()) == (question, before)
+    assert asked(talk, **good)["told"] == "touch"
+    session.close()
