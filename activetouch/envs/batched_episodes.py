@@ -162,7 +162,7 @@ class BankEpisodes(SearchEpisodes, VectorEnv):
         return cls(bank, model, target, num_envs, **settings)
 
     def observe(self) -> NDArray[np.float32]:
-        """The observations, ``(B, S)``; a drawn target comes last, one-hot, as in ``ObjectTestGoal-v0``: ``(B, S+K)``."""
+        """The observations, ``(B, S)``; a drawn target comes last, one-hot, as in ``ObjectTestGoal-v0``."""
         seen = super().observe()
         if not self._draws_target or self.state == GOAL:
             return seen
