@@ -54,12 +54,12 @@ def test_every_agent_of_the_zoo_learns_and_plays(run, capsys):
     zoo = run("zoo.py", *BY_FILE, *IMAGES, "--steps", "1")
     assert list(zoo["ZOO"]) == sorted(zoo["ZOO"], key=[*BY_FILE, *IMAGES].index)
     said = re.findall(
-        r"zoo/(\w+)-0.zip: return (-?[0-9.]+), success [0-9.]+, .* on test objects", capsys.readouterr().out
+        r"runs/zoo/(\w+)-0.zip: return (-?[0-9.]+), success [0-9.]+, .* on test objects", capsys.readouterr().out
     )
     assert [name for name, _ in said] == [*BY_FILE, *IMAGES]
     assert all(-1.3 < float(found) <= 1.0 for _, found in said)
-    players = [f"sb3:zoo/{name}-0.zip" for name in BY_FILE]
-    players += [f"process:{sys.executable} image_policy.py zoo/{name}-0.zip" for name in IMAGES[::2]]
+    players = [f"sb3:runs/zoo/{name}-0.zip" for name in BY_FILE]
+    players += [f"process:{sys.executable} image_policy.py runs/zoo/{name}-0.zip" for name in IMAGES[::2]]
     words = ("--scene", "coarse", "--targets", "cone", "--episodes", "2", "--jobs", "1")
     run("activetouch", "compare", *words, "--deciders", *players, "--out", "run")
     assert "2 live searches per decider" in " ".join(capsys.readouterr().out.split())
@@ -106,7 +106,7 @@ def test_an_image_policy_sees_in_a_search_what_it_saw_in_training(run, capsys):
 def test_a_study_writes_a_row_for_each_training(run):
     pytest.importorskip("optuna")
     run("zoo.py", "dqn", "--study", "2", "--steps", "64")
-    with open("zoo/study.csv", encoding="utf-8", newline="") as file:
+    with open("runs/zoo/study.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["agent"], row["trial"], row["steps"]) for row in rows] == [("dqn", "0", "19"), ("dqn", "1", "19")]
     assert len({row["learning_rate"] for row in rows}) == 2

@@ -1,15 +1,15 @@
 """A zoo of learning agents for `activetouch benchmark`: each is one policy for all targets, trained by one command.
 
 activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
-python zoo.py ppo                     (writes zoo/ppo-0.zip; the extras contrib and train)
-activetouch benchmark --task coarse-v1 --agent sb3:zoo/ppo-0.zip --out ppo-0.jsonl.gz
+python zoo.py ppo                     (writes runs/zoo/ppo-0.zip; the extras contrib and train)
+activetouch benchmark --task coarse-v1 --agent sb3:runs/zoo/ppo-0.zip --out ppo-0.jsonl.gz
 
 Agents learn from the touches of the first line, which takes two minutes. ppo, maskable_ppo and dqn observe the belief
 and the expected information of each pose; recurrent_ppo observes what the classifier says of each touch alone, and its
 LSTM remembers; images_frozen, images_tuned and images_new observe images (image_policy.py plays them).
 
 python zoo.py ppo dqn --seeds 0 1     (two of each)
-python zoo.py dqn --study 4           (searches for settings with Optuna: `pip install optuna`; adds to zoo/study.csv)
+python zoo.py dqn --study 4           (searches for settings with Optuna: `pip install optuna`; adds to runs/zoo/study.csv)
 
 `--tensorboard FOLDER` writes logs; for Weights & Biases, give `learn` the callback of `wandb.integration.sb3`.
 """
@@ -76,9 +76,10 @@ class Learner:
     num_envs: int = 128
 
 
-def _images(steps: int, **encoder: bool) -> Learner:
+def _images(steps: int, learning_rate: float, **encoder: bool) -> Learner:
     network = {"features_extractor_class": Encoder, "features_extractor_kwargs": encoder, **SMALL}
-    return Learner(stable_baselines3.PPO, "MlpPolicy", "images", steps, PPO | {"n_epochs": 4}, network, 0.3)
+    settings = PPO | {"n_epochs": 4, "learning_rate": learning_rate}
+    return Learner(stable_baselines3.PPO, "MlpPolicy", "images", steps, settings, network, 0.3)
 
 
 ZOO = {
@@ -110,9 +111,9 @@ ZOO = {
             "exploration_final_eps": 0.03,
         },
     ),
-    "images_frozen": _images(300_000, frozen=True),
-    "images_tuned": _images(200_000),
-    "images_new": _images(200_000, new=True),
+    "images_frozen": _images(200_000, 1e-3, frozen=True),
+    "images_tuned": _images(200_000, 5e-4),
+    "images_new": _images(200_000, 1e-3, new=True),
 }
 
 
@@ -210,7 +211,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--steps", type=int, help="of all environments together, in place of the agent's own")
     parser.add_argument("--data", type=Path, default=Path("data/coarse-repeats"))
-    parser.add_argument("--out", type=Path, default=Path("zoo"))
+    parser.add_argument("--out", type=Path, default=Path("runs/zoo"))
     parser.add_argument("--tensorboard")
     parser.add_argument("--study", type=int, metavar="TRIALS", help="search for settings, in so many trainings")
     parser.add_argument("--share", type=float, default=0.3, help="length of such a training")
