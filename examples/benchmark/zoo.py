@@ -9,7 +9,7 @@ and the expected information of each pose; recurrent_ppo observes what the class
 LSTM remembers; images_frozen, images_tuned and images_new observe images (image_policy.py plays them).
 
 python zoo.py ppo dqn --seeds 0 1     (two of each)
-python zoo.py dqn --study 4           (searches for settings with Optuna: `pip install optuna`; adds to runs/zoo/study.csv)
+python zoo.py dqn --study 4          (varies settings with Optuna, `pip install optuna`; adds to runs/zoo/study.csv)
 
 `--tensorboard FOLDER` writes logs; for Weights & Biases, give `learn` the callback of `wandb.integration.sb3`.
 """
