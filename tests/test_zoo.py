@@ -90,7 +90,7 @@ def test_an_image_policy_sees_in_a_search_what_it_saw_in_training(run, capsys):
 
     zoo = runpy.run_path("zoo.py")
     tests = zoo["Tests"](Path("data/coarse-repeats"), "calibration")
-    episodes = tests.episodes(zoo["ZOO"]["images_new"], 4, 0.3)
+    episodes = tests.episodes(zoo["ZOO"]["images_new"], 4)
     episodes.restart(np.arange(4), np.random.default_rng(0))
     for pose in (2, 0, 2):
         episodes.act(np.full(4, pose))

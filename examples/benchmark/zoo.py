@@ -63,7 +63,9 @@ class Learner:
         steps: of all environments together.
         settings: arguments of the algorithm; a study varies those in :data:`STUDIED`.
         network: the argument ``policy_kwargs``.
-        target_prob: prior of the target, or its range.
+        target_prob: prior of the target, or its range. At 0.3, learners without a belief reject untouched objects.
+        num_envs: tests at once.
+        beta: weight of the paper's shaping reward.
     """
 
     algorithm: Any
@@ -74,12 +76,13 @@ class Learner:
     network: dict[str, Any] = field(default_factory=lambda: SMALL)
     target_prob: float | tuple[float, float] = (0.05, 0.95)
     num_envs: int = 128
+    beta: float = 0.0
 
 
 def _images(steps: int, learning_rate: float, **encoder: bool) -> Learner:
     network = {"features_extractor_class": Encoder, "features_extractor_kwargs": encoder, **SMALL}
-    settings = PPO | {"n_epochs": 4, "learning_rate": learning_rate}
-    return Learner(stable_baselines3.PPO, "MlpPolicy", "images", steps, settings, network, 0.3)
+    settings = PPO | {"n_epochs": 7, "ent_coef": 0.008, "learning_rate": learning_rate}
+    return Learner(stable_baselines3.PPO, "MlpPolicy", "images", steps, settings, network, 0.5, beta=0.2)
 
 
 ZOO = {
@@ -90,9 +93,10 @@ ZOO = {
         "MlpLstmPolicy",
         "paper",
         300_000,
-        PPO | {"n_epochs": 5, "n_steps": 32, "batch_size": 1024},
+        PPO | {"n_epochs": 5, "n_steps": 32, "batch_size": 1024, "ent_coef": 0.008},
         {"lstm_hidden_size": 64, "net_arch": [64]},
-        0.3,
+        0.5,
+        beta=0.2,
     ),
     "dqn": Learner(
         stable_baselines3.DQN,
@@ -111,9 +115,9 @@ ZOO = {
             "exploration_final_eps": 0.03,
         },
     ),
-    "images_frozen": _images(200_000, 1e-3, frozen=True),
-    "images_tuned": _images(200_000, 5e-4),
-    "images_new": _images(200_000, 1e-3, new=True),
+    "images_frozen": _images(300_000, 2e-3, frozen=True),
+    "images_tuned": _images(250_000, 7e-4),
+    "images_new": _images(250_000, 7e-4, new=True),
 }
 
 
@@ -126,23 +130,23 @@ class Tests:
         self._joint, self._single = sensor.model, fitted_model(MODELS / "coarse", independent=True).model
         self._data, self._split = data, split
 
-    def episodes(self, learner: Learner, num_envs: int, target_prob: Any) -> BankEpisodes:
+    def episodes(self, learner: Learner, num_envs: int, **settings: Any) -> BankEpisodes:
         """Many tests at once, of what a learner sees."""
         if learner.sees == "gains":
-            return BankEpisodes(self.bank, self._joint, None, num_envs, "goal", target_prob=target_prob)
+            return BankEpisodes(self.bank, self._joint, None, num_envs, "goal", **settings)
         task = self.bank, self._single, None, num_envs, "paper"
         if learner.sees == "paper":
-            return BankEpisodes(*task, target_prob=target_prob)
+            return BankEpisodes(*task, **settings)
         images = read_split(self._data, self._split).images
         felt = images.reshape(*self.bank.logits.shape[:3], *images.shape[1:]) / np.float32(255.0)
-        return ImageEpisodes(felt, *task, target_prob=target_prob)
+        return ImageEpisodes(felt, *task, **settings)
 
 
 def train(learner: Learner, tests: Tests, seed: int, tensorboard: str | None = None) -> Any:
     """A trained model."""
     settings = dict(learner.settings)
     rate = settings.pop("learning_rate")
-    episodes = tests.episodes(learner, learner.num_envs, learner.target_prob)
+    episodes = tests.episodes(learner, learner.num_envs, target_prob=learner.target_prob, beta=learner.beta)
     model = learner.algorithm(
         learner.policy,
         BankVecEnv(episodes, seed),
@@ -188,7 +192,7 @@ def study(name: str, learner: Learner, tests: Tests, others: Tests, given: argpa
             suggest = trial.suggest_int if isinstance(low, int) else trial.suggest_float
             found[setting] = suggest(setting, low, high, log=True)
         short = replace(learner, settings=learner.settings | found, steps=int(given.share * learner.steps))
-        reached = score(train(short, tests, 0), others.episodes(learner, NUM_TESTS, TEST_PROB))
+        reached = score(train(short, tests, 0), others.episodes(learner, NUM_TESTS, target_prob=TEST_PROB))
         row = [name, trial.number, short.steps, f"{time.process_time() - started:.0f}", f"{reached.mean_return:.4f}"]
         cells = [f"{found[setting]:.4g}" if setting in found else "" for setting in STUDIED]
         begun = log.exists()
@@ -229,7 +233,7 @@ def main() -> None:
             model = train(learner, tests, seed, given.tensorboard)
             minutes, path = (time.process_time() - started) / 60.0, given.out / f"{name}-{seed}.zip"
             model.save(path)
-            found = score(model, others.episodes(learner, NUM_TESTS, TEST_PROB))
+            found = score(model, others.episodes(learner, NUM_TESTS, target_prob=TEST_PROB))
             numbers = f"return {found.mean_return:.3f}, success {found.success:.3f}, {found.touches:.2f} touches"
             print(f"{path}: {numbers} on test objects; {minutes:.1f} minutes of processor time", flush=True)
 
