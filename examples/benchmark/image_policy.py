@@ -22,9 +22,10 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from activetouch import TactileSensor
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.perception.classifier import TouchNetwork
+from activetouch.perception.reader import HypothesisEmbedding, TactileReader
 
-TOUCH_LIMIT, SCALE = 12, 4.0
-"""Touches of one object at most; factor on codes, by which they become about one."""
+TOUCH_LIMIT, HYPOTHESES, LEAST = 12, 256, -8.0
+"""Touches of one object at most; hypotheses of each shape; least logarithm of a share of a shape."""
 
 
 def observed(images: NDArray[Any], uses: NDArray[Any], touches: NDArray[Any], is_target: NDArray[Any]) -> NDArray[Any]:
@@ -57,36 +58,58 @@ class ImageEpisodes(BankEpisodes):
 
 
 class Encoder(BaseFeaturesExtractor):
-    """The network of the shipped reader, on the image of each pose; a pose that was not used has the code 0.
+    """Log shares of the shapes in the image of each pose, by the network of the shipped reader; 0 for unused poses.
 
     Args:
         space: of the observations.
-        frozen: whether it keeps the weights of the reader.
-        new: whether it begins with random weights.
+        frozen: whether the network keeps the weights of the reader.
+        new: whether it begins with random weights, and a linear layer, in place of hypotheses, tells the shapes.
     """
 
     def __init__(self, space: spaces.Box, frozen: bool = False, new: bool = False) -> None:
         sensor = TactileSensor.shipped("coarse")
         card, self.image_shape = sensor.reader.card, sensor.scene.image_shape
-        self._poses, self._pixels = len(sensor.pose_labels), int(np.prod(sensor.scene.image_shape))
-        super().__init__(space, self._poses * (card.embedding - self._pixels) + space.shape[0])
-        self.network, self._graph, self._new = TouchNetwork(card), sensor.reader.network, new
+        self._poses, self._pixels, self._shapes = (
+            len(sensor.pose_labels),
+            int(np.prod(self.image_shape)),
+            len(card.shape_labels),
+        )
+        super().__init__(space, space.shape[0] - self._poses * (self._pixels - self._shapes))
+        self._reader, self._new = sensor.reader, new
+        self.network = TouchNetwork(card)
         del self.network.hypotheses
+        self.shapes = torch.nn.Linear(card.embedding, self._shapes * (1 if new else HYPOTHESES), bias=new)
         self.requires_grad_(not frozen)
+        self.shapes.requires_grad_(new)
 
     def begin(self) -> None:
         """Take the weights of the reader, after a new policy of SB3 has made all weights random."""
         if not self._new:
-            self.network.load_state_dict(reader_weights(self._graph))
+            self.network.load_state_dict(reader_weights(self._reader.network))
+            self.shapes.weight.copy_(torch.from_numpy(hypotheses(self._reader)))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         """Codes of the poses, uses, time and target."""
         images, others = observations.tensor_split([self._poses * self._pixels], dim=1)
         used = others[:, : self._poses].reshape(-1) > 0.0
-        codes = torch.zeros(len(used), self.network.card.embedding)
+        codes = torch.zeros(len(used), self._shapes)
         if used.any():
-            codes[used] = SCALE * self.network(255.0 * images.reshape(-1, *self.image_shape)[used])[0]
+            seen = self.network(255.0 * images.reshape(-1, *self.image_shape)[used])[0]
+            scores = self.shapes(seen).reshape(len(seen), self._shapes, -1).logsumexp(dim=2)
+            codes[used] = scores.log_softmax(dim=1).clamp(min=LEAST) / -LEAST
         return torch.cat([codes.reshape(len(observations), -1), others], dim=1)
+
+
+def hypotheses(reader: TactileReader) -> NDArray[np.float32]:
+    """Some of the reader's hypotheses of each shape, embedded, ``(K M, D)``."""
+    known = reader.hypotheses
+    assert isinstance(known, HypothesisEmbedding)
+    rows = np.arange(HYPOTHESES)
+    kinds = np.repeat(np.arange(len(reader.card.shape_labels)), HYPOTHESES)
+    rotations, sizes = (
+        np.concatenate([part[rows]] * len(reader.card.shape_labels)) for part in (known.rotations, known.sizes)
+    )
+    return known.embed(kinds, rotations, sizes)
 
 
 def reader_weights(graph: bytes) -> dict[str, torch.Tensor]:

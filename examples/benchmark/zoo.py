@@ -81,7 +81,7 @@ class Learner:
 
 def _images(steps: int, learning_rate: float, **encoder: bool) -> Learner:
     network = {"features_extractor_class": Encoder, "features_extractor_kwargs": encoder, **SMALL}
-    settings = PPO | {"n_epochs": 7, "ent_coef": 0.008, "learning_rate": learning_rate}
+    settings = PPO | {"n_epochs": 5, "ent_coef": 0.008, "learning_rate": learning_rate}
     return Learner(stable_baselines3.PPO, "MlpPolicy", "images", steps, settings, network, 0.5, beta=0.2)
 
 
@@ -115,9 +115,9 @@ ZOO = {
             "exploration_final_eps": 0.03,
         },
     ),
-    "images_frozen": _images(300_000, 2e-3, frozen=True),
-    "images_tuned": _images(250_000, 7e-4),
-    "images_new": _images(250_000, 7e-4, new=True),
+    "images_frozen": _images(200_000, 2e-3, frozen=True),
+    "images_tuned": _images(100_000, 1.5e-3),
+    "images_new": _images(100_000, 1.5e-3, new=True),
 }
 
 
