@@ -5,8 +5,10 @@ import os
 import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
+from _pytest.doctest import DoctestModule
 
 # As in worker processes, before numpy is imported: the last bit of a sum depends on the number of threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -17,8 +19,15 @@ gc.set_threshold(50_000, 20, 20)  # a search for cycles among all that tests imp
 NEED = {"planners/pomdp_py_adapter.py": "pomdp_py", "belief/estimators.py": "sklearn"}
 collect_ignore = [path for path, module in NEED.items() if find_spec(module) is None]
 
-if find_spec("ap_gym") is None:
-    collect_ignore.append("activetouch/envs/apgym.py")  # it has no examples, and is not imported without ap_gym
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path: Path) -> Iterator[None]:
+    """Only modules that have examples are imported and searched for them; files of tests have none."""
+    found = yield
+    is_test = file_path.is_relative_to(Path(__file__).parent / "tests")
+    if is_test or file_path.suffix != ".py" or ">>> " not in file_path.read_text(encoding="utf-8"):
+        return [one for one in found if not isinstance(one, DoctestModule)]
+    return found
 
 
 def pytest_collection_finish() -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from activetouch.pressing.taxels import Taxels
     from activetouch.rendering.response import Response
     from activetouch.sensor import RecordedSensor, Sensor, TactileSensor
+    from activetouch.sensor.any_pad import sensor_of_pad
     from activetouch.world import TouchWorld
 
 _OF_COMMANDS = {
@@ -67,6 +68,7 @@ __all__ = [
     "predicted_contacts",
     "read_meshes",
     "read_pad",
+    "sensor_of_pad",
 ]
 
 

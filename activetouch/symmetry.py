@@ -19,7 +19,8 @@ _ALIKE = 0.02  # root mean square distance of the turned surface from itself [ra
 _NEAR = 0.08  # the same, of a turn that is improved
 _FEW, _POINTS, _DENSE = 50, 200, 20_000  # on the surface
 _EQUAL = 0.03  # difference of moments that count as equal, relative to the largest
-_ANGLES, _STEPS = 72, 8  # turns that are tried about an axis, and steps of improvement
+_ANGLES = 72  # turns that are tried about an axis
+_STEPS, _MERGED = 24, 4  # steps of improvement, and after how many the best of near turns alone goes on
 _SAME = np.deg2rad(15.0)  # between two rotations
 
 
@@ -128,7 +129,9 @@ def symmetry_of(solid: Shape) -> RotationalSymmetry:
             return RotationalSymmetry(np.vstack([identity, _quaternions(flips[:1])]) if flipped else identity, axis)
         tried = np.concatenate([about, flips])
     tried = tried[misfit(tried, _FEW) < _NEAR**2]
-    for _ in range(_STEPS if len(tried) else 0):  # to the nearest points of the surface, by the best rotation of all
+    for step in range(_STEPS if len(tried) else 0):  # to the nearest points of the surface, by the best rotation of all
+        if step % _MERGED == 0:
+            tried = _apart(tried, misfit(tried, _FEW))
         turned_points = points @ tried.swapaxes(1, 2)
         nearest = tree.data[tree.query(turned_points)[1]]
         left, _, right = np.linalg.svd(nearest.swapaxes(1, 2) @ turned_points)
@@ -140,6 +143,15 @@ def symmetry_of(solid: Shape) -> RotationalSymmetry:
     for other in _quaternions(tried[order[values[order] < most]]):
         if kept.angles(other, identity)[0] > _SAME:
             kept = RotationalSymmetry(np.vstack([kept.rotations, other]))
+    return kept
+
+
+def _apart(rotations: Floats, misfits: Floats) -> Floats:
+    """Rotations that are not near one that fits better, ``(m, 3, 3)`` of ``(n, 3, 3)``, best first."""
+    kept = np.empty((0, 3, 3))
+    for one in rotations[np.argsort(misfits)]:
+        if (np.einsum("kij,ij->k", kept, one) < 1.0 + 2.0 * np.cos(_SAME)).all():
+            kept = np.concatenate([kept, one[None]])
     return kept
 
 

@@ -1,11 +1,13 @@
 """Real pads of the hand SDH-2, read by a reader for their description; nothing is fitted to real touches.
 
     python -m benchmarks.sdh2_described FOLDER --trees 6000
+    python -m benchmarks.sdh2_described FOLDER
     activetouch train --pad benchmarks/recorded_sets/sdh2.toml --out sensors/sdh2
     python -m benchmarks.sdh2_described FOLDER --sensor sensors/sdh2
 
-With ``--trees``, forty numbers of each touch are read by extra trees that learn from so many presses of the described
-pad, each with a random response: what the description itself carries over.
+The second line is of the reader of any pad, the last one of what goes on from it for this pad. With ``--trees``, forty
+numbers of each touch are read by extra trees that learn from so many presses of the described pad, each with a random
+response: what the description itself carries over.
 
 FOLDER holds the set ``sdh2``. Each grasp gives one touch: the frame of the largest total pressure, and in it the pad of
 the largest sum; its rows are moved by whole taxels, so that the contact lies in the middle of the pad's length. The
@@ -25,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from activetouch import PadDescription, TactileSensor, read_pad
+from activetouch import PadDescription, TactileSensor, read_pad, sensor_of_pad
 from belief.statistics import wilson_interval
 from benchmarks.recorded_sets.dsa import read_dsa
 from benchmarks.recorded_sets.sdh2 import SHAPES
@@ -123,7 +125,7 @@ def main() -> None:
         prior = np.zeros(1)
     else:
         front = next(iter(base.rotations.items()))
-        sensor = TactileSensor.load(given.sensor, pad.scene(replace(base, poses=dict([front]))))
+        sensor = TactileSensor.load(given.sensor or sensor_of_pad(pad), pad.scene(replace(base, poses=dict([front]))))
         model: Any = sensor.model
         prior = model.log_prior
 

@@ -76,8 +76,16 @@ def independent_sensor(scene: str) -> Path:
     return own if own.is_dir() else usual
 
 
-def sensor_folder(given: Path | None, scene: str) -> Path:
-    """Folder of a sensor: ``given`` is a folder or a scene with a shipped sensor; None means that of ``scene``."""
+def sensor_folder(given: Path | None, scene: str, pad: Path | None = None) -> Path:
+    """Folder of a sensor: ``given`` is a folder, a scene with a shipped sensor, or a file that describes a pad.
+
+    None means that of ``scene``, or of the file ``pad``: then the shipped reader of any pad.
+    """
+    described = pad if given is None else given
+    if described is not None and described.suffix == ".toml" and not described.is_dir():
+        from activetouch.sensor.any_pad import sensor_of_pad  # other sensors do not need it
+
+        return sensor_of_pad(described)
     if given is None:
         return MODELS / in_file_names(scene)
     shipped = MODELS / given
@@ -100,7 +108,7 @@ def open_sensor(
     a progress bar. Errors of a sensor for another scene say how to make a fitting one.
     """
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
-    chosen = sensor_folder(folder, name)
+    chosen = sensor_folder(folder, name, choice.pad if isinstance(choice, SceneChoice) else None)
     require_simulated(chosen)
     for path in (chosen / READER_FILE, observation_file(chosen, independent)):
         if not (path.is_file() or (chosen / ANY_OBJECT_FILE).is_file()):
@@ -188,7 +196,7 @@ def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene, folder: P
         return f"It was trained for a pad of your own: add --pad {folder / PAD_FILE}."
     if isinstance(choice, SceneChoice) and choice.pad is not None:
         train = command("train", pad=choice.pad, out=f"sensors/{choice.pad.stem}")
-        return f"Train one for this pad, and name it with --sensor:\n{train}"
+        return f"Leave out --sensor: one that comes with activetouch reads any pad. Or train it for this pad:\n{train}"
     ready = _shipped_for(name, scene)
     if ready is not None and ready == name:
         return f"Leave out --sensor: the sensor that comes with the scene {ready} reads these objects."

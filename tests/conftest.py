@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from _pytest.doctest import DoctestModule
 from hypothesis import HealthCheck, settings
 
 from belief.observation_model import ConfusionModel, FixedHypotheses, RigidBodyModel
@@ -23,15 +22,10 @@ settings.load_profile("default")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files with slow tests come first, so that no worker is left with one of them while the others have finished."""
+    """Files with slow tests and then large ones come first: no worker is left with one while others have finished."""
     slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
-    items.sort(key=lambda item: -slow[item.path])
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_collect_file():
-    """Files of tests hold no doctests, for which each of them would be searched."""
-    return [found for found in (yield) if not isinstance(found, DoctestModule)]
+    size = {path: path.stat().st_size for path in {item.path for item in items}}
+    items.sort(key=lambda item: (-slow[item.path], -size[item.path]))
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """Every shell command of README and docs, and of the paper's method, is run in the order of its page: `make nightly`.
 
-So are the code of pages and the examples that the tests run with smaller numbers, and searches of committed files.
+So are the code of pages and the examples that the tests run with smaller numbers, or not at all, and searches of
+committed files.
 
 These take too long for the tests, so pytest does not collect this file by itself. A command with a size, such as a
 number of episodes, gets a small one (SMALLER): what counts is that it ends well. What cannot be run here says why

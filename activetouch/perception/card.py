@@ -98,6 +98,8 @@ class ClassifierCard:
         if channels != self.channels:
             raise WrongScene(f"the reader takes images of {self.channels} channels, those of the scene have {channels}")
         found, wanted = image_shape[0], self.image_shape[0] if self.image_shape else self.input_size
+        if (self.imaging or {}).get("described") is not None:
+            return  # the network is told the layout of the pad, whose scene is required elsewhere
         if found % wanted and wanted % found:
             raise WrongScene(
                 f"the {wanted} pixels that the reader takes are no multiple of the images' {found}, nor the other way "

@@ -11,19 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 from torch.utils.data import DataLoader
 
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
-from activetouch.perception.contacts.images import binned
 from activetouch.perception.contacts.network import ContactNetwork, ContactReader, ImageNetwork, losses
 from activetouch.perception.contacts.touches import Batches
 from activetouch.perception.export import exported
 from activetouch.perception.imaging import FEW_PIXELS, Imaging
 from activetouch.perception.learner import Learner, falling
-from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
+from activetouch.perception.reader import INPUT, LAYOUT, OUTPUTS, TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
 from belief.sealed_tensors import read_tensors, write_tensors
@@ -44,7 +44,8 @@ class ContactRecipe:
 
     ``widths`` and ``image_widths`` are channels of the convolutions of h, computed for every hypothesis, and of f;
     ``dense`` is the width of the layers after them. ``learning_rate`` is the highest, after ``warmup`` steps. After a
-    share ``late`` of the steps, batches are late, see :class:`~activetouch.perception.contacts.touches.Batches`.
+    share ``late`` of the steps, batches are late, see :class:`~activetouch.perception.contacts.touches.Batches`. With
+    ``any_pad``, every batch has another random pad.
     """
 
     steps: int = 7500
@@ -62,32 +63,23 @@ class ContactRecipe:
     others: int = 96
     bf16: bool = True
     seed: int = 0
+    any_pad: bool = False
 
     @classmethod
     def of(cls, imaging: Imaging, **changes: Any) -> ContactRecipe:
         """The recipe for a sensor: images of few pixels need fewer convolutions, and more bodies in a batch."""
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         if imaging.described is not None:  # its image network is a ConvNeXt of these widths
-            few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "dense": 256, "embedding": 64, "bf16": False}
-            few |= {
-                "groups": 8,
-                "touches": 24,
-                "others": 48,
-                "steps": 6000,
-                "bodies": 4000,
-                "learning_rate": 2e-3,
-                "warmup": 50,
-            }
+            few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "groups": 16, "touches": 16, "others": 32}
+            further = {"steps": 1500, "learning_rate": 5e-4, "warmup": 100}  # from the reader of any pad to one
+            few |= {"steps": 13_000} if changes.get("any_pad") else further
         return cls(**few | changes)
 
     def network(self, imaging: Imaging) -> ContactReader:
         """An untrained network for a sensor."""
-        mask = None
-        if imaging.described is not None:
-            taxels = imaging.description.taxels
-            mask = binned(torch.from_numpy(taxels.shown(np.ones(len(taxels), np.float32))[None]), imaging.pixels)[0]
+        numbers = 0 if imaging.layout is None else len(imaging.layout) - imaging.pixels**2
         parts = self.widths, self.image_widths, self.dense, self.embedding
-        return ContactReader(*parts, imaging.pixels, imaging.state_size, mask)
+        return ContactReader(*parts, imaging.pixels, imaging.state_size, numbers)
 
     def rate(self, step: int) -> float:
         """Learning rate of a step: linear rise, then a cosine to almost zero."""
@@ -96,23 +88,33 @@ class ContactRecipe:
 
 
 class ContactTrainer:
-    """A training that resumes from its folder; ``workers`` processes make the batches, or this one on ``device``."""
+    """A training that resumes from its folder; ``workers`` processes make the batches, or this one on ``device``.
+
+    Its network begins with the weights of a reader, ``start``, of the same recipe; by default with random ones.
+    """
 
     def __init__(
-        self, imaging: Imaging, recipe: ContactRecipe, folder: Path, device: str = "cpu", workers: int = 1
+        self,
+        imaging: Imaging,
+        recipe: ContactRecipe,
+        folder: Path,
+        device: str = "cpu",
+        workers: int = 1,
+        start: TactileReader | None = None,
     ) -> None:
         self.imaging, self.recipe, self.folder, self.device = imaging, recipe, folder, device
         torch.manual_seed(recipe.seed)
         network = recipe.network(imaging)
+        if start is not None:
+            network.load_state_dict(weights_of(start))
         self.network = network.to(device)
         self._learner = Learner(network, weight_decay=1e-3)
         folder.mkdir(parents=True, exist_ok=True)
         self.step, self._state = 0, folder / _STATE
         if self._state.exists():
             self._resume()
-        drawn = partial(
-            Batches, imaging, groups=recipe.groups, touches=recipe.touches, worlds=recipe.worlds, device=device
-        )
+        shown, parts = None if recipe.any_pad else imaging, (recipe.groups, recipe.touches, recipe.worlds)
+        drawn = partial(Batches, shown, groups=parts[0], touches=parts[1], worlds=parts[2], device=device)
         bodies, late = range(HELD_OUT, HELD_OUT + recipe.bodies), recipe.late * recipe.steps
         batches = drawn(bodies, seed=recipe.seed, late=late, others=recipe.others)
         workers, steps = workers if device == "cpu" else 0, range(self.step, recipe.steps)
@@ -172,13 +174,28 @@ class ContactTrainer:
         self._learner.restore({name: torch.from_numpy(array) for name, array in arrays.items()}, self.step)
 
 
+def weights_of(reader: TactileReader) -> dict[str, torch.Tensor]:
+    """The weights of the two networks in the file of a reader, in single precision, by their names in training."""
+    assert isinstance(reader.hypotheses, ContactHypotheses), "it reads any object"
+    found = {}
+    for graph in (reader.network, reader.hypotheses.network):
+        for tensor in onnx.load_from_string(graph).graph.initializer:
+            if tensor.name.startswith("network."):
+                name = tensor.name.removeprefix("network.").removesuffix(".half")
+                found[name] = torch.from_numpy(onnx.numpy_helper.to_array(tensor).astype(np.float32))
+    return found
+
+
 def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str) -> TactileReader:
     """The reader of a network, which needs no torch; the objects of the sensor's scene do not matter."""
     network = network.cpu().float().eval()
-    pixels, wide = imaging.pixels, imaging.wide_window.num_pixels
-    images = torch.zeros((2, pixels, pixels), dtype=torch.uint8)
-    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(2, imaging.state_size))
-    graph = exported(ImageNetwork(network), (images,), ({0: "batch"},), (INPUT,), OUTPUTS)
+    pixels, wide, layout = imaging.pixels, imaging.wide_window.num_pixels, imaging.layout
+    images: tuple[torch.Tensor, ...] = (torch.zeros((2, pixels, pixels), dtype=torch.uint8),)
+    images += () if layout is None else (torch.from_numpy(layout),)
+    maps = 2 if layout is None else 3
+    contacts = (torch.zeros(2, maps, wide, wide), torch.full((2,), 0.1), torch.zeros(2, imaging.state_size))
+    free = ({0: "batch"}, {})[: len(images)]
+    graph = exported(ImageNetwork(network), images, free, (INPUT, LAYOUT)[: len(images)], OUTPUTS)
     others = exported(
         ContactNetwork(network), contacts, ({0: "number"}, {0: "number"}, {0: "worlds"}), CONTACTS, (EMBEDDING,)
     )

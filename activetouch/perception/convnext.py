@@ -7,7 +7,7 @@ from typing import Any
 
 from safetensors import SafetensorError
 from torch import Tensor
-from transformers import ConvNextConfig, ConvNextModel
+from transformers.models.convnext import ConvNextConfig, ConvNextModel
 
 from activetouch.errors import MissingWeights
 

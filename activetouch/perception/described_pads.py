@@ -8,15 +8,31 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.pad_file import PadDescription, pad_from
 from activetouch.pressing.contact import Quasistatic
-from activetouch.rendering.response import TaxelRenderer, TaxelResponse
+from activetouch.pressing.taxels import Taxels
+from activetouch.rendering.response import Response, TaxelRenderer, TaxelResponse
 from activetouch.scene import Scene
 from activetouch.solids.vectors import Floats
 
 PADS = 23
 """Pads, besides the middle one, that stand for all that a description allows."""
+RANGES = Response.of(
+    {
+        "stiffness": [4e6, 3e9],
+        "law": [0.4, 2.6],
+        "threshold": [0.0, 0.3],
+        "blur": [0.0, 1.0],
+        "crosstalk": [0.0, 0.3],
+        "gain": [0.35, 2.8],
+        "noise": [0.0, 0.05],
+    }
+)
+"""Of the responses that the reader of any pad is trained with."""
+EXAMPLE = PadDescription(Taxels.grid(8, 8, 0.004), RANGES)
+"""The pad that the file of this reader is about."""
 _LEAST_NOISE = 1e-6
 _QUIET = 1 / 16  # least noise, in parts of the largest, of which the network reads the logarithm
 _SLACK = 1e-6
@@ -56,6 +72,37 @@ def from_state(pad: PadDescription, state: Any) -> dict[str, Any]:
     return found | {"blur": blur, "noise": state.noise * np.float32(largest_noise(pad))}
 
 
+def numbers_of(pad: PadDescription) -> NDArray[np.float32]:
+    """What a network is told about a pad beside where its taxels are, ``(9,)``: lengths and forces are logarithms."""
+    edge, (least, most) = 2 * pad.taxels.half_width, pad.force
+    logs = [
+        edge / 0.024,
+        pad.taxels.pitch / 0.003,
+        np.sqrt(pad.taxels.area) / 0.003,
+        least / 2.0,
+        most / 2.0,
+        pad.max_depth / 0.003,
+        1.0 if pad.is_relative else pad.full_scale / 1e5,
+    ]
+    return np.array([*np.log2(logs) / 2, 8.0 * pad.offset / edge, pad.is_relative], np.float32)
+
+
+def code(pad: PadDescription, states: Any) -> NDArray[np.float32]:
+    """States of a pad as the network of contacts reads them, ``(n, 16)``: the response in units of any pad, the pad."""
+    felt, stiffness = from_state(pad, states), states.stiffness * np.float32(pad.pad.stiffness / 1e8)
+    response = [
+        np.log2(stiffness) / 2,
+        2 * np.log2(felt["law"]),
+        8 * felt["threshold"],
+        2 * felt["blur"],
+        8 * felt["crosstalk"],
+        np.zeros_like(stiffness) if pad.is_relative else np.log2(felt["gain"]),
+        40 * felt["noise"],
+    ]
+    whole = np.tile(numbers_of(pad), (len(stiffness), 1))
+    return np.concatenate([np.stack(response, axis=1), whole], axis=1).astype(np.float32)
+
+
 def limits_of(pad: PadDescription) -> dict[str, tuple[float, float]]:
     """Least and largest parts of a state."""
     ends = to_state(pad, pad.response.at(np.array([[0.0] * 7, [1.0] * 7])))
@@ -93,6 +140,17 @@ def has_pad(pad: PadDescription, scene: Scene) -> bool:
         if not low * (1 - _SLACK) - _SLACK <= min(given) <= max(given) <= high * (1 + _SLACK) + _SLACK:
             return False
     return True
+
+
+def responses_beyond(pad: PadDescription) -> str:
+    """In words, what a description allows of the response that the reader was not trained with; empty if nothing."""
+    known = RANGES.ranges()
+    return ", ".join(
+        f"{name} {low:g} to {high:g} (trained: {known[name][0]:g} to {known[name][1]:g})"
+        for name, (low, high) in pad.response.ranges().items()
+        if not known[name][0] * (1 - 1e-9) <= low <= high <= known[name][1] * (1 + 1e-9)
+        and not (name == "gain" and pad.is_relative)
+    )
 
 
 def is_known(pad: PadDescription) -> bool:

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -61,6 +62,7 @@ FEW_PIXELS = 8
 """Pixels along the edge of an image that needs no convolutions, and whose noise does not average away."""
 SAMPLES = 32
 """Least number of points along the edge of a pad at which a surface is computed, and largest number of pixels."""
+_PAD_CONTACT, _PAD_WINDOW = 24, 32  # pixels of a described pad's edge in a predicted contact, and of the contact's
 
 
 class SensorState(NamedTuple):
@@ -99,14 +101,12 @@ class SensorState(NamedTuple):
         parts = {"blur": zeros, "shift": shift, "hysteresis": zeros, "dead": cells, "stuck": cells, "wide": zeros}
         return cls(ones, ones, ones, ones, **parts, law=ones, threshold=zeros, crosstalk=zeros)
 
-    def code(self, of_response: bool = False) -> Floats32:
-        """As the network of contacts reads it, ``(n, STATE_SIZE)``; with the response of taxels, three numbers more."""
+    def code(self) -> Floats32:
+        """As the network of contacts of a square pad reads it, ``(n, STATE_SIZE)``."""
         numbers = (np.log2(self.stiffness), np.log2(self.force), np.log2(self.noise), 4 * np.log2(self.gain))
         others = (20 * self.blur, *(10 * self.shift.T), 20 * self.hysteresis)
         cells = [cells.reshape(len(cells), -1) for cells in (self.dead, self.stuck)]
         parts = [np.stack([*numbers, *others], axis=1), *cells, self.wide[:, None]]
-        if of_response:
-            parts.append(np.stack([2 * np.log2(self.law), 8 * self.threshold, 20 * self.crosstalk], axis=1))
         return np.concatenate(parts, axis=1).astype(np.float32)
 
 
@@ -115,7 +115,8 @@ class Imaging:
     """How a sensor makes images.
 
     Attributes:
-        taxels, pixels: along an edge of the image, and of what the network reads; one divides the other.
+        taxels, pixels: along an edge of the image, and of what the network reads; of a square pad, one divides the
+            other.
         force: smallest and largest force [N].
         gain: half range of the gain of each touch.
         noise: standard deviation of each taxel, relative to full scale; ``noisier`` is the largest factor in training.
@@ -146,7 +147,11 @@ class Imaging:
     def __post_init__(self) -> None:
         check(self)
         does_divide = 0 in (self.taxels % self.pixels, self.pixels % self.taxels) and self.samples % self.pixels == 0
-        if not (does_divide and self.force[1] > 0.0 and {2} == set(map(len, (self.force, self.sizes, self.displaced)))):
+        if not (
+            (does_divide or self.described is not None)
+            and self.force[1] > 0.0
+            and {2} == set(map(len, (self.force, self.sizes, self.displaced)))
+        ):
             raise ValueError(f"numbers out of range, or taxels, pixels and samples that do not divide: {self}")
         if self.dead is not None and self.dead.shape != (self.taxels, self.taxels):
             raise ValueError(f"dead must have the shape {(self.taxels, self.taxels)}, got {self.dead.shape}")
@@ -170,19 +175,22 @@ class Imaging:
 
     @property
     def wide_window(self) -> Window:
-        """The window of the predicted contacts: the pad and, around it, the largest offset and shift of the image."""
+        """The window of the predicted contacts: the pad and, around it, the largest offset and shift of the image.
+
+        Around a described pad it is a sixth of the pad's edge, so that one network reads all of them.
+        """
         from activetouch.pressing.height_maps import Window
 
+        if self.described is not None:
+            return Window(2 * self.pad.half_width * _PAD_WINDOW / _PAD_CONTACT, _PAD_WINDOW)
         return Window.of(self.pad, self.offset + self.displaced[1] * 2 * self.pad.half_width, self.contact_pixels)
 
     @property
     def contact_pixels(self) -> int:
         """Pixels along the edge of the pad in a predicted contact."""
-        if self.described is not None:  # as many as there are taxels
-            return max(_FEWEST, min(self.pixels, round(2 * self.pad.half_width / self.description.taxels.pitch)))
-        return max(self.pixels, _FEWEST)
+        return max(self.pixels, _FEWEST) if self.described is None else _PAD_CONTACT
 
-    @property
+    @cached_property
     def description(self) -> PadDescription:
         """The description of a described pad."""
         from activetouch.perception.described_pads import description_of
@@ -193,23 +201,40 @@ class Imaging:
     @property
     def state_size(self) -> int:
         """Numbers that describe a state of the sensor to the network of contacts."""
-        return STATE_SIZE + 3 * (self.described is not None)
+        return self.code(SensorState.nominal(1)).shape[1]
 
     def code(self, states: SensorState) -> Floats32:
-        """States as the network of contacts reads them, ``(n, state_size)``."""
-        return states.code(self.described is not None)
+        """States as the network of contacts reads them, ``(n, state_size)``; of a described pad, with its numbers."""
+        if self.described is None:
+            return states.code()
+        from activetouch.perception.described_pads import code
 
-    @property
+        return code(self.description, states)
+
+    @cached_property
     def face(self) -> Floats32 | None:
-        """How far a described pad reaches over the pixels of a predicted contact ``(W, W)`` [m]; None for the square.
+        """What a predicted contact meets of a described pad, ``(2, W, W)``; None for the square.
 
-        It is ``-inf`` beside the pad.
+        First how far the pad reaches [m], ``-inf`` beside it; then the part of a pressure along the approach axis that
+        its taxels feel, 0 beside it.
         """
         if self.described is None:
             return None
-        inner, total = self.contact_pixels, self.wide_window.num_pixels
-        face = self.description.taxels.face(inner).astype(np.float32)
-        return np.pad(face, (total - inner) // 2, constant_values=-np.inf)
+        inner, taxels = self.contact_pixels, self.description.taxels
+        margin = (self.wide_window.num_pixels - inner) // 2
+        parts = (taxels.face(inner), -np.inf), (taxels.shown(taxels.normals[:, 0], inner), 0.0)
+        return np.stack([np.pad(part, margin, constant_values=beside) for part, beside in parts]).astype(np.float32)
+
+    @cached_property
+    def layout(self) -> Floats32 | None:
+        """What the network of images is told about a described pad, ``(pixels² + LAYOUT,)``; None for the square."""
+        if self.described is None:
+            return None
+        from activetouch.perception.described_pads import numbers_of
+
+        taxels = self.description.taxels
+        there = regridded(taxels.shown(taxels.normals[:, 0])[None].astype(np.float32), self.pixels)
+        return np.concatenate([there.ravel(), numbers_of(self.description)])
 
     def fields(self) -> dict[str, Any]:
         """Its fields as JSON types."""
@@ -228,19 +253,23 @@ class Imaging:
 def encoded(reached: Floats32, inner: int, face: Floats32 | None = None) -> Floats32:
     """Predicted contacts as the network reads them: gaps behind the first contact, near and far, ``(n, 2, W, W)``.
 
-    ``reached (n, W, W)`` are height maps [m], with ``inner`` pixels along the edge of the pad in their middle, and
-    ``face (W, W)`` is :attr:`Imaging.face`.
+    ``reached (n, W, W)`` are height maps [m], with ``inner`` pixels along the edge of the pad in their middle. With the
+    :attr:`Imaging.face` of a described pad, a third map shows what its taxels feel of a pressure, ``(n, 3, W, W)``.
     """
     margin = (reached.shape[-1] - inner) // 2
     middle = slice(margin, margin + inner)
     met = reached
     if face is not None:  # only what the pad itself may meet
-        met, reached = reached + face, reached + np.where(np.isfinite(face), face, face[np.isfinite(face)].min())
+        reach = face[0]
+        met, reached = reached + reach, reached + np.where(np.isfinite(reach), reach, reach[np.isfinite(reach)].min())
     first = met[:, middle, middle].max(axis=(1, 2))
     first = np.where(np.isfinite(first), first, reached.max(axis=(1, 2)))
     first = np.where(np.isfinite(first), first, 0.0)[:, None, None]
     gap = np.clip(np.where(np.isfinite(reached), first - reached, 0.02), -0.006, 0.008).astype(np.float32)
-    return np.stack([gap / 0.004, np.exp(-np.maximum(gap, -0.001) / 0.0006) / 2], axis=1)
+    maps = [gap / 0.004, np.exp(-np.maximum(gap, -0.001) / 0.0006) / 2]
+    if face is not None:
+        maps.append(np.broadcast_to(face[1], gap.shape))
+    return np.stack(maps, axis=1)
 
 
 def regridded(shares: Floats32, edge: int) -> Floats32:
@@ -291,11 +320,11 @@ def imaging_of_pad(pad: PadDescription) -> Imaging:
     """The imaging of a described pad."""
     from activetouch.perception.described_pads import largest_noise
 
-    raster, square = pad.taxels.raster, replace(pad.pad, layout=None)
+    square = replace(pad.pad, layout=None)
     return Imaging(
         square,
-        raster,
-        max(number for number in range(1, SAMPLES + 1) if raster % number == 0),
+        pad.taxels.raster,
+        SAMPLES,
         pad.force,
         0.0,
         largest_noise(pad),

@@ -23,7 +23,7 @@ from activetouch.errors import WrongScene
 from activetouch.orientations import LyingAnyhow
 from activetouch.perception.cached_arrays import session_of
 from activetouch.perception.card import PRODUCTS, READER, ClassifierCard, card_from
-from activetouch.perception.imaging import Floats32
+from activetouch.perception.imaging import Floats32, Imaging, regridded
 from activetouch.poses import multiply, to_matrices, turned
 from activetouch.scene import Scene, require_no_hand
 from belief.errors import CorruptFile, InvalidArgument
@@ -173,8 +173,8 @@ def _gelu(x: Floats32) -> Floats32:
     return found
 
 
-INPUT, OUTPUTS = "images", ("embedding", "features")
-"""Names of the input and the outputs of the graph of a reader."""
+INPUT, LAYOUT, OUTPUTS = "images", "layout", ("embedding", "features")
+"""Names of the inputs and the outputs of the graph of a reader; only one of described pads takes a layout."""
 _NETWORK = "network"
 
 
@@ -222,10 +222,11 @@ class TactileReader:
             read = replace(self, hypotheses=grasps.single).run(np.concatenate(single), batch_size)
             embeddings, features = (np.concatenate(np.split(part, len(single)), axis=1) for part in read)
             return np.concatenate([embeddings, grasps.of_travel(stops)], axis=1), features
-        images = resized(images, self.card.image_shape)
+        told = {} if self._layout is None else {LAYOUT: self._layout}
+        images = resized(images, self.card.image_shape, is_any_size=bool(told))
         parts = [
-            session_of(self.network).run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
-            for first in range(0, len(images), batch_size)
+            session_of(self.network).run(OUTPUTS, {INPUT: np.ascontiguousarray(images[i : i + batch_size]), **told})
+            for i in range(0, len(images), batch_size)
         ]
         embeddings, features = map(np.concatenate, zip(*parts, strict=True)) if len(parts) > 1 else parts[0]
         return embeddings, features
@@ -251,9 +252,15 @@ class TactileReader:
         return replace(self, card=card, hypotheses=GraspHypotheses(single, scene, reach))
 
     @cached_property
+    def _layout(self) -> Floats32 | None:
+        """Of the described pad that it reads."""
+        return None if self.card.imaging is None else Imaging.from_fields(self.card.imaging).layout
+
+    @cached_property
     def digest(self) -> str:
         """Digest of all that determines what it reads."""
         tensors = {} if self.hypotheses is None else self.hypotheses.tensors()
+        tensors |= {} if self._layout is None else {LAYOUT: self._layout}
         return array_digest({_NETWORK: np.frombuffer(self.network, np.uint8), **tensors})
 
     def save(self, path: Path) -> None:
@@ -292,8 +299,10 @@ class TactileReader:
         except Exception as error:  # the errors of ONNX Runtime have no class in common
             raise ValueError(f"its network is no ONNX graph: {error}") from error
         width = self.card.embedding or len(self.card.shape_labels)
-        found = [(part.name, tuple(part.shape[1:])) for part in (*inputs, *outputs[:1])]
+        found = [(part.name, tuple(part.shape[1:])) for part in (*inputs[:1], *outputs[:1])]
         wanted = [(INPUT, self.card.image_shape), (OUTPUTS[0], (width,))]
+        found += [(part.name, tuple(part.shape)) for part in inputs[1:]]
+        wanted += [] if self._layout is None else [(LAYOUT, self._layout.shape)]
         if found != wanted or [part.name for part in outputs] != list(OUTPUTS):
             raise ValueError(f"its network is {found}, not {wanted}")
 
@@ -303,10 +312,15 @@ def of_grasps(hypotheses: Hypotheses | None) -> GraspHypotheses | None:
     return cast("GraspHypotheses", hypotheses) if hasattr(hypotheses, "hand") else None
 
 
-def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Images, uint8 ``(N, H, W)`` or ``(N, H, W, 3)``, averaged down, or repeated up, to images of a shape."""
+def resized(images: NDArray[np.uint8], shape: tuple[int, ...], is_any_size: bool = False) -> NDArray[np.uint8]:
+    """Images, uint8 ``(N, H, W)`` or ``(N, H, W, 3)``, averaged down, or repeated up, to images of a shape.
+
+    With ``is_any_size``, squares ``(N, H, H)`` of any number of pixels are averaged over the pixels of the shape.
+    """
     if images.shape[1:] == shape:
         return images
+    if is_any_size and images.ndim == 3 and images.shape[1] == images.shape[2]:
+        return regridded(images.astype(np.float32), shape[0]).round().astype(np.uint8)
     found, wanted = images.shape[1], shape[0]
     is_stretched = images.shape[2] * wanted != found * shape[1]
     if images.shape[3:] != shape[2:] or is_stretched or (found % wanted and wanted % found):

@@ -100,7 +100,11 @@ def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
 
 
 def folder_of(sensor: str | Path) -> Path:
-    """The folder of a shipped sensor by its name, or of another one."""
+    """The folder of a shipped sensor by its name, of another one, or of one for the pad that a file describes."""
+    if Path(sensor).suffix == ".toml" and Path(sensor).is_file():
+        from activetouch.sensor.any_pad import sensor_of_pad  # other sensors do not need it
+
+        return sensor_of_pad(sensor)
     return MODELS / str(sensor) if (MODELS / str(sensor)).is_dir() else Path(sensor)
 
 
@@ -118,11 +122,6 @@ def reader_of(sensor: str | Path) -> Any:
             reader = TactileReader.load(folder / name)
             if isinstance(reader.hypotheses, ContactHypotheses):
                 return reader
-    if folder.suffix == ".toml" and folder.is_file():
-        raise InvalidArgument(
-            f"{folder} describes a pad, and a sensor is a folder with a reader trained for it: activetouch train --pad "
-            f"{folder} --out DIR, then --sensor DIR"
-        )
     known = ", ".join(sorted(path.parent.name for path in MODELS.glob(f"*/{ANY_OBJECT_FILE}")))
     raise InvalidArgument(
         f"the sensor {sensor} has no reader of any object; of those that ship, these have one: {known}"

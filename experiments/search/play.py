@@ -57,7 +57,7 @@ class Setting:
     choice: tyro.conf.OmitArgPrefixes[SceneChoice] = field(default_factory=SceneChoice)
     """The scene."""
     sensor: Path | None = None
-    """Folder of a sensor, or name of a shipped one; that of the scene by default."""
+    """Folder of a sensor, or name of a shipped one; that of the scene by default, or one that reads any --pad."""
     num_objects: Count | None = None
     """Objects in a search; that of the scene by default."""
     composition: CompositionName | None = None
@@ -114,7 +114,7 @@ class Setting:
     @property
     def sensor_folder(self) -> Path:
         """Folder of the sensor."""
-        return sensor_folder(self.sensor, self.choice.scene)
+        return sensor_folder(self.sensor, self.choice.scene, self.choice.pad)
 
     def sensor_files(self, scene: Scene) -> list[Path]:
         """The files that determine what the sensor reads in a scene; for a reader of any object, its file alone."""

@@ -65,8 +65,9 @@ class Train:
     """Train a reader: of any object, on random bodies; or of the shapes of a collection.
 
     A reader of any object (--recipe contacts) learns the sensor, needs no collection, and reads shapes that it never
-    saw. The others learn the shapes of a collection: contrast and worn with their orientations and sizes (worn is for
-    pads that wear), large and paper without.
+    saw; --recipe pads learns all pads that a description may be of, and --pad goes on from there to one. The others
+    learn the shapes of a collection: contrast and worn with their orientations and sizes (worn is for pads that wear),
+    large and paper without.
 
     The state is saved regularly; after an interruption, the same command continues.
 
@@ -83,7 +84,7 @@ class Train:
     scene: str = "gel"
     """Name of the scene, which gives the defaults of the next four."""
     pad: Path | None = None
-    """TOML description of your own pad, for which a reader of any object is trained; docs/your_own_pad.md."""
+    """TOML description of your own pad, for which the reader of any pad is trained further; docs/your_own_pad.md."""
     data: Path | None = None
     """Folder of the collection; data/SCENE by default."""
     out: Path | None = None
@@ -95,10 +96,11 @@ class Train:
     weights: str | None = None
     """Weights that a ConvNeXt starts from: imagenet (facebook/convnext-tiny-224 on the Hugging Face hub, for the
     backbone tiny), or a folder with config.json and model.safetensors; random weights by default."""
-    recipe: Literal["contacts", "contrast", "worn", "large", "paper"] = "contrast"
+    recipe: Literal["contacts", "pads", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
-    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of a described pad 6000."""
+    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of any pad 13000, from there to
+    one described pad 1500."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where a reader of any object is trained."""
     change: Changes = field(default_factory=Changes)
@@ -115,6 +117,13 @@ class Train:
             pad, out = read_pad(self.pad), self.out or training_folder(f"pad-{self.pad.stem}")
             claim_folder(out)
             train_any_object(pad.scene(), out, self.steps, self.change.seed, self.device, self.jobs, pad)
+            return
+        if self.recipe == "pads":
+            from activetouch.perception.described_pads import EXAMPLE  # other readers do not need it
+
+            out = self.out or training_folder("any-pad")
+            claim_folder(out)
+            train_any_object(EXAMPLE.scene(), out, self.steps, self.change.seed, self.device, self.jobs, EXAMPLE, True)
             return
         named = named_scene(self.scene)
         if self.recipe == "contacts":
@@ -190,22 +199,27 @@ def train_any_object(
     device: str = "cpu",
     jobs: int = 1,
     pad: PadDescription | None = None,
+    any_pad: bool = False,
 ) -> TactileReader:
     """Train a reader of any object on random bodies, or continue; ``out`` gets it and the state of the training.
 
-    It reads the sensor of the scene, or of all pads that a description allows.
+    It reads the sensor of the scene; or all pads that a description allows, where it begins as the shipped reader of
+    ``any_pad``, which is trained with random pads.
     """
     import torch
 
     from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
     from activetouch.perception.imaging import imaging_of, imaging_of_pad
+    from activetouch.sensor.any_pad import reader_of_pad
 
     if device == "cuda" and not torch.cuda.is_available():
         raise BadArgument(f"--device cuda: torch {torch.__version__} finds no GPU; leave it out to train on the CPU")
     torch.set_num_threads(max(1, jobs - 1))
     imaging, changes = imaging_of(scene) if pad is None else imaging_of_pad(pad), {"steps": steps, "seed": seed}
-    recipe = ContactRecipe.of(imaging, **{name: value for name, value in changes.items() if value is not None})
-    trainer = ContactTrainer(imaging, recipe, out, device, workers=1 if jobs > 1 else 0)
+    given = {name: value for name, value in changes.items() if value is not None}
+    recipe = ContactRecipe.of(imaging, any_pad=any_pad, **given)
+    start = None if pad is None or any_pad else reader_of_pad(pad)
+    trainer = ContactTrainer(imaging, recipe, out, device, 1 if jobs > 1 else 0, start)
     with progress_bar() as progress:
         bar = progress.add_task("touching random bodies", total=recipe.steps, completed=trainer.step)
         for report in trainer.run(lambda step: progress.update(bar, completed=step)):

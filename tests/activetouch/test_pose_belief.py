@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from activetouch import SCENES, TactileSensor
 from activetouch.pose_belief import PoseBelief, turned_slightly
@@ -34,6 +35,8 @@ def test_a_sphere_lies_one_way_only() -> None:
 def test_a_cube_has_24_orientations_that_look_the_same() -> None:
     found = symmetry_of(SCENES["hard"].scene.solids["cube"])
     assert len(found.rotations) == 24
+    exact = np.roll(Rotation.create_group("O").as_quat(), 1, axis=1)
+    assert np.rad2deg(2.0 * np.arccos(np.abs(found.rotations @ exact.T).max(axis=1).clip(0.0, 1.0))).max() < 1.0
     assert np.rad2deg(found.angles(IDENTITY[0], turn("z", np.pi / 2)[None])[0]) < 5.0
     assert 42.0 < np.rad2deg(found.angles(IDENTITY[0], turn("z", np.pi / 4)[None])[0]) < 48.0
 

@@ -58,7 +58,8 @@ def _of_taxels(
     rng = np.random.default_rng(int(torch.randint(1 << 62, (1,), generator=random, device=random.device)))
     numbers = {name: values[world] for name, values in from_state(pad, states).items()}
     readings = respond(pad.taxels, felt.astype(np.float32), numbers, rng, pad.is_relative, pad.dead)
-    return binned(torch.from_numpy(pad.taxels.shown(readings)).to(reached.device), imaging.pixels), hit
+    shown = regridded(pad.taxels.shown(readings).astype(np.float32), imaging.pixels)
+    return torch.from_numpy(shown).to(reached.device), hit
 
 
 class _Touches:
@@ -132,14 +133,17 @@ def encoded(reached: Tensor, inner: int, face: np.ndarray | None = None) -> Tens
     middle = slice(margin, margin + inner)
     met = reached
     if face is not None:
-        over = torch.from_numpy(face).to(reached.device)
+        over, felt = torch.from_numpy(face).to(reached.device)
         met = reached + over
         reached = reached + torch.where(torch.isfinite(over), over, over[torch.isfinite(over)].min())
     first = met[:, middle, middle].amax(dim=(1, 2))
     first = torch.where(torch.isfinite(first), first, reached.amax(dim=(1, 2)))
     first = torch.where(torch.isfinite(first), first, 0.0)[:, None, None]
     gap = torch.where(torch.isfinite(reached), first - reached, 0.02).clamp(-0.006, 0.008)
-    return torch.stack([gap / 0.004, torch.exp(-gap.clamp_min(-0.001) / 0.0006) / 2], dim=1)
+    maps = [gap / 0.004, torch.exp(-gap.clamp_min(-0.001) / 0.0006) / 2]
+    if face is not None:
+        maps.append(felt.expand_as(gap))
+    return torch.stack(maps, dim=1)
 
 
 def _indentation(gap: Tensor, load: Tensor, deepest: float) -> Tensor:

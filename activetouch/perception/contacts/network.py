@@ -23,7 +23,8 @@ class ContactReader(nn.Module):
     """The networks f and h, trained together; ``widths`` are channels of the convolutions of h, ``image_widths`` of f.
 
     Every other convolution halves the image. Images of few pixels have no convolutions, only the layers after them.
-    Those of described pads are read by a ConvNeXt, which also sees where taxels are, by a ``mask (n, n)``.
+    Those of described pads are read by a ConvNeXt, which also sees the pad's layout
+    (:attr:`activetouch.perception.imaging.Imaging.layout`), in which ``layout`` numbers follow on the map of taxels.
     """
 
     def __init__(
@@ -34,29 +35,37 @@ class ContactReader(nn.Module):
         embedding: int,
         pixels: int = 32,
         state_size: int = STATE_SIZE,
-        mask: Tensor | None = None,
+        layout: int = 0,
     ) -> None:
         super().__init__()
-        is_small = pixels <= FEW_PIXELS and mask is None
+        is_small = pixels <= FEW_PIXELS and not layout
         self.images: nn.Module = nn.Flatten() if is_small else _convolutions(1, image_widths)
-        if mask is not None:
-            self.images = TaxelConvNeXt(mask, image_widths)
-        self.contacts = _convolutions(2, widths)
+        if layout:
+            self.images = SmallConvNeXt(2, image_widths)
+            self.of_layout = nn.Linear(layout, dense)
+        self.contacts = _convolutions(3 if layout else 2, widths)
         self.of_image = _Head(pixels**2 if is_small else image_widths[-1] * _CELLS**2, dense, embedding)
         self.of_contact = _Head(widths[-1] * _CELLS**2, dense, embedding)
-        self.of_world = nn.Linear(state_size + 1, dense)
-        nn.init.zeros_(self.of_world.weight)
+        self.of_world, self.of_cell = nn.Linear(state_size, dense), nn.Linear(1, dense, bias=False)
+        for given in (self.of_world, self.of_cell):
+            nn.init.zeros_(given.weight)
         self.embedding, self._scale = embedding, 4 / math.sqrt(embedding)
 
-    def f(self, images: Tensor) -> Tensor:
-        """Embeddings ``(B, D)`` of images in [0, 1], ``(B, n, n)``."""
-        return self.embedded(self.first(images))
+    def f(self, images: Tensor, layout: Tensor | None = None) -> Tensor:
+        """Embeddings ``(B, D)`` of images in [0, 1], ``(B, n, n)``, of a described pad with its layout."""
+        return self.embedded(self.first(images, layout))
 
-    def first(self, images: Tensor) -> Tensor:
+    def first(self, images: Tensor, layout: Tensor | None = None) -> Tensor:
         """The input of the dense layers of :meth:`f`, ``(B, F)``."""
-        seen = (images[:, None] * 4 - 0.3).contiguous(memory_format=torch.channels_last)
-        found: Tensor = self.of_image.first(self.images(seen))
-        return found
+        seen = (images * 4 - 0.3)[:, None]
+        if layout is None:
+            found: Tensor = self.of_image.first(self.images(seen.contiguous(memory_format=torch.channels_last)))
+            return found
+        pixels = images.shape[-1] ** 2
+        there = layout[:pixels].view(1, 1, *images.shape[1:]).expand_as(seen)
+        seen = torch.cat([seen, there], dim=1).contiguous(memory_format=torch.channels_last)
+        told: Tensor = self.of_layout(layout[None, pixels:])
+        return told + self.of_image.first(self.images(seen))
 
     def embedded(self, first: Tensor) -> Tensor:
         """Embeddings ``(B, D)`` of the output of :meth:`first`."""
@@ -65,10 +74,10 @@ class ContactReader(nn.Module):
     def h(self, contacts: Tensor, cells: Tensor, codes: Tensor) -> Tensor:
         """Embeddings ``(W, H, D)`` of contacts ``(H, 2, m, m)`` for cells ``(H,)``, in worlds ``(W, STATE_SIZE)``."""
         shown = self.of_contact.first(self.contacts(contacts.contiguous(memory_format=torch.channels_last)))
-        width = torch.log(cells / 0.1)[:, None]
-        state = nn.functional.linear(codes, self.of_world.weight[:, 1:], self.of_world.bias)
-        shown = shown + width * self.of_world.weight[:, 0]
-        return self.of_contact.out(shown + state[:, None]).float()
+        shown = shown + self.of_cell(torch.log(cells / 0.1)[:, None])
+        in_worlds = shown + self.of_world(codes)[:, None]
+        found: Tensor = self.of_contact.out(in_worlds.flatten(0, 1)).float()
+        return found.unflatten(0, in_worlds.shape[:2])
 
 
 class ImageNetwork(nn.Module):
@@ -78,9 +87,9 @@ class ImageNetwork(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Embeddings ``(B, D)`` and features ``(B, F)`` of images ``(B, n, n)`` in uint8."""
-        features = self.network.first(images.float() / 255.0)
+    def forward(self, images: Tensor, layout: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Embeddings ``(B, D)`` and features ``(B, F)`` of images ``(B, n, n)`` in uint8, of a pad with a layout."""
+        features = self.network.first(images.float() / 255.0, layout)
         return self.network.embedded(features), features
 
 
@@ -120,29 +129,24 @@ def _convolutions(channels: int, widths: tuple[int, ...]) -> nn.Sequential:
     return nn.Sequential(*layers, _Averages(), nn.Flatten())
 
 
-class TaxelConvNeXt(nn.Module):
-    """A small ConvNeXt (Liu et al. 2022) of images ``(B, 1, n, n)`` on a raster, with a mask of where taxels are.
+class SmallConvNeXt(nn.Module):
+    """A small ConvNeXt (Liu et al. 2022) of images ``(B, C, n, n)``.
 
     Each of the ``widths`` is a stage: a convolution that halves the image, and a block, but for the first. It gives the
     averages over a grid of cells, ``(B, widths[-1] · 16)``.
     """
 
-    mask: Tensor
-
-    def __init__(self, mask: Tensor, widths: tuple[int, ...]) -> None:
+    def __init__(self, channels: int, widths: tuple[int, ...]) -> None:
         super().__init__()
-        self.register_buffer("mask", mask[None, None].float(), persistent=False)
         layers: list[nn.Module] = []
-        for width_in, width_out in zip((2, *widths), widths, strict=False):
+        for width_in, width_out in zip((channels, *widths), widths, strict=False):
             layers.append(nn.Conv2d(width_in, width_out, 3, stride=2, padding=1))
             layers.append(_Block(width_out) if layers[1:] else nn.GELU())
         self.layers = nn.Sequential(*layers, _Averages(), nn.Flatten())
 
     def forward(self, images: Tensor) -> Tensor:
         """See the class."""
-        shown = self.mask.to(images.dtype).expand(images.shape[0], -1, -1, -1)
-        seen = torch.cat([images, shown], dim=1).contiguous(memory_format=torch.channels_last)
-        found: Tensor = self.layers(seen)
+        found: Tensor = self.layers(images)
         return found
 
 
@@ -157,7 +161,8 @@ class _Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         seen = self.norm(self.spatial(x).permute(0, 2, 3, 1))
-        return x + self.narrow(nn.functional.gelu(self.wide(seen))).permute(0, 3, 1, 2)
+        found = self.narrow(nn.functional.gelu(self.wide(seen.flatten(0, 2))))
+        return x + found.view(seen.shape).permute(0, 3, 1, 2)
 
 
 class _Averages(nn.Module):
@@ -181,7 +186,7 @@ def losses(network: ContactReader, batch: Batch, groups: int, bf16: bool) -> tup
     """Contrast and cross-entropy of the body [nats], and the accuracy of the body, means over the touches that hit."""
     number = len(batch.images)
     with torch.autocast(batch.images.device.type, torch.bfloat16, enabled=bf16):
-        seen = network.f(batch.images)
+        seen = network.f(batch.images, batch.layout)
         hypotheses = network.h(batch.contacts, batch.cells, batch.codes)
     scores = torch.einsum("bd,whd->bwh", seen, hypotheses)
     own = scores[torch.arange(number, device=scores.device), batch.world]  # (B, H), in the touch's own world

@@ -21,8 +21,9 @@ from torch.utils.data import Dataset
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.device_heights import DeviceBodies
 from activetouch.perception.contacts.images import encoded, images
+from activetouch.perception.contacts.random_pads import random_pad
 from activetouch.perception.described_pads import to_state
-from activetouch.perception.imaging import BROKEN, Imaging, SensorState, states_with
+from activetouch.perception.imaging import BROKEN, Imaging, SensorState, imaging_of_pad, states_with
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import heights
@@ -46,6 +47,7 @@ class Batch(NamedTuple):
         world: of every touch, ``(B,)``, in 0 … W − 1.
         codes: of the worlds, ``(W, STATE_SIZE)``.
         bodies: ``(B,)``, in 0 … G − 1.
+        layout: :attr:`activetouch.perception.imaging.Imaging.layout` of a described pad, else None.
     """
 
     images: Tensor
@@ -55,6 +57,7 @@ class Batch(NamedTuple):
     world: Tensor
     codes: Tensor
     bodies: Tensor
+    layout: Tensor | None
 
 
 @dataclass(frozen=True)
@@ -64,9 +67,10 @@ class Batches(Dataset[Batch]):
     From batch ``late`` on, the sensor is nominal in at least half of the worlds, instead of one, and every body has
     ``others`` hypotheses beside those of its touches, as in a table. Of the random bodies numbered ``bodies``, a batch
     has ``groups`` with ``touches`` touches each. With the device ``cuda``, the triangles of all bodies are kept there.
+    Without an ``imaging``, every batch has another random pad.
     """
 
-    imaging: Imaging
+    imaging: Imaging | None
     bodies: range
     groups: int = 16
     touches: int = 32
@@ -78,7 +82,8 @@ class Batches(Dataset[Batch]):
 
     def __getitem__(self, number: int) -> Batch:
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
-        imaging, total = self.imaging, self.groups * self.touches
+        imaging = self.imaging if self.imaging is not None else imaging_of_pad(random_pad(rng))
+        total = self.groups * self.touches
         usual, others = (self.worlds // 2, self.others) if number >= self.late else (1, 0)
         states = drawn_worlds(rng, self.worlds, imaging, usual)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
@@ -101,8 +106,10 @@ class Batches(Dataset[Batch]):
             predicted = torch.cat([predicted, maps])
             cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)))
         arrays = cells.astype(np.float32), world, imaging.code(states), np.arange(self.groups).repeat(self.touches)
-        given = [torch.from_numpy(part).to(self.device) for part in arrays]
-        return Batch(read, hit, encoded(predicted, imaging.contact_pixels, imaging.face), *given)
+        width, own, codes, bodies = (torch.from_numpy(part).to(self.device) for part in arrays)
+        layout = None if imaging.layout is None else torch.from_numpy(imaging.layout).to(self.device)
+        contacts = encoded(predicted, imaging.contact_pixels, imaging.face)
+        return Batch(read, hit, contacts, width, own, codes, bodies, layout)
 
     def _maps(self, chosen: NDArray[np.int64], turns: Floats, sizes: Floats, places: Floats, window: Window) -> Tensor:
         """Height maps over a window, body after body."""

@@ -196,10 +196,16 @@ def batches_of(run: Run, name: str) -> Iterable[PlayedBatch]:
 
 @lru_cache(maxsize=1)
 def processor() -> str:
-    """The kind of processor, in words: touches repeat to the last bit on one kind."""
+    """The kind of processor, in words: touches repeat to the last bit on one kind.
+
+    A virtual machine may hide the name; the family and the model number tell apart what computes in other ways.
+    """
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-        model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
     except OSError:
-        model = ""
-    return f"{platform.machine()} {model or platform.processor()}".strip()[:_LONGEST_TEXT]
+        lines = []
+    parts = (line.partition(":") for line in reversed(lines))  # of equal names, the first processor's
+    known = {name.strip(): value.strip() for name, _, value in parts}
+    numbers = "/".join(known[name] for name in ("cpu family", "model", "stepping") if name in known)
+    name = f"{platform.machine()} {known.get('model name') or platform.processor()} {numbers}"
+    return name.strip()[:_LONGEST_TEXT]

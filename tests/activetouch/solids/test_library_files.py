@@ -71,7 +71,7 @@ def accessors(first=None, second=None):
 
 def three_mf(model, **members):
     packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("3D/3dmodel.model", model)
         for name, content in members.items():
             archive.writestr(name, content)

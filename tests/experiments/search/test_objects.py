@@ -123,7 +123,8 @@ class Mine:
         return Decision(Confirm())
 
 if __name__ == "__main__":
-    activetouch.compare("coarse", {"mine": Mine()}, episodes=2, targets=["cone"], out="run", jobs=2)
+    found = activetouch.compare("coarse", {"mine": Mine()}, episodes=2, targets=["cone"], jobs=2)
+    print([(row["decider"], row["target"], row["episodes"]) for row in found.rows()][0])
 """
 
 
@@ -132,8 +133,8 @@ if __name__ == "__main__":
 @pytest.mark.slow
 def test_a_decider_that_a_script_defines_plays_in_worker_processes(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
-    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, check=True, capture_output=True)
-    assert len((tmp_path / "run" / "episodes.jsonl").read_text().splitlines()) == 2
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "('mine', 'cone', 2)"
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from activetouch import PadDescription, Response, Taxels, read_pad
+from activetouch import PadDescription, Response, Taxels, read_meshes, read_pad
 from activetouch.errors import WrongScene
+from activetouch.perception.described_pads import PADS
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief.errors import InvalidArgument
 from benchmarks.pad_fits import RADIUS, simulated
 from experiments.command_line.arguments import BadArgument, Trust
-from experiments.meshes.find import Find
-from experiments.meshes.identify import Identify
+from experiments.meshes.setting import reader_of, scene_of
 from experiments.press.touch import TouchCommand
 from experiments.scene_choice import SceneChoice, choice_name
 from experiments.sensor.pad_fit import PadFitCommand
@@ -57,19 +57,22 @@ def test_a_sensor_of_a_pad_and_a_scene_without_it_say_what_does_not_fit_and_what
         open_sensor(folder, SceneChoice("paper"))
     assert "pad is Pad" not in str(failed.value)
     with pytest.raises(WrongScene, match=r"pad\.layout is Taxels, not None") as failed:
-        open_sensor(None, SceneChoice("gel", pad=mine))
+        open_sensor(MODELS / "coarse", SceneChoice("gel", pad=mine))
     assert f"activetouch train --pad {mine}" in str(failed.value)
+    assert "Leave out --sensor" in str(failed.value)
 
 
-@pytest.mark.parametrize("command", [Find, Identify])
-def test_a_description_of_a_pad_is_no_sensor_of_meshes(command, mine, tmp_path):
+@pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
+def test_a_described_pad_needs_no_training(mine, few_hypotheses, monkeypatch, tmp_path):
+    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
+    sensor = open_sensor(None, SceneChoice("coarse", pad=mine))
+    assert len(sensor.model.world_labels) == PADS
+    assert sensor.search("cube", seed=1, num_objects=2).steps
     box = trimesh.creation.box([0.02, 0.02, 0.01])
-    for name in ("cube", "plate"):
-        box.export(tmp_path / f"{name}.stl")
-        box.apply_scale([1.0, 1.0, 0.5])
-    own = {"target": "cube"} if command is Find else {"lies": True}
-    with pytest.raises(InvalidArgument, match=rf"activetouch train --pad {mine} --out DIR, then --sensor DIR"):
-        command(folder=tmp_path, sensor=mine, out=tmp_path / "out", **own).run()
+    box.export(tmp_path / "plate.stl")
+    scene = scene_of(read_meshes(tmp_path), mine)
+    assert scene.pad.layout == PAD.taxels
+    assert reader_of(mine).digest == sensor.reader.digest
 
 
 @pytest.mark.mujoco
