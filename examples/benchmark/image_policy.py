@@ -1,6 +1,6 @@
 """Policies that see tactile images and no belief: what they observe, their encoder, and how they play a task.
 
-python zoo.py images_tuned --seed 0            (trains one)
+python zoo.py images_tuned                     (trains one)
 activetouch benchmark --task coarse-v1 --agent "process:python image_policy.py runs/zoo/images_tuned-0.zip"
 
 A policy observes the last image of every pose, how often each pose was used, the time, and the target.

@@ -6,7 +6,8 @@ activetouch benchmark --task coarse-v1 --agent sb3:runs/zoo/ppo-0.zip --out ppo-
 
 Agents learn from the touches of the first line, which takes two minutes. ppo, maskable_ppo and dqn observe the belief
 and the expected information of each pose; recurrent_ppo observes what the classifier says of each touch alone, and its
-LSTM remembers; images_frozen, images_tuned and images_new observe images (image_policy.py plays them).
+LSTM remembers; images_frozen, images_tuned and images_new observe images (image_policy.py plays them). These four learn
+with the paper's shaping reward, from a belief that they do not see.
 
 python zoo.py ppo dqn --seeds 0 1     (two of each)
 python zoo.py dqn --study 4          (varies settings with Optuna, `pip install optuna`; adds to runs/zoo/study.csv)
