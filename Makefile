@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test tests quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions clean
+.PHONY: search test tests quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions zoo clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -170,6 +170,19 @@ submissions: development
 		(cd $(SUBMITTED)/$$task-v1/$$agent.jsonl.gz --task $$task-v1 --agent $$agent --jobs 1) || exit 1; done; done
 	for agent in information_per_cost raster random; do \
 		(cd $(SUBMITTED)/drawer-v1/$$agent.jsonl.gz --task drawer-v1 --agent $$agent --jobs 1) || exit 1; done
+	$(BIN)/python docs/generate/tables.py
+
+# The learning agents of the scoreboard, examples/benchmark/zoo.py, two seeds of each; an hour.
+BY_FILE = ppo maskable_ppo dqn recurrent_ppo
+ON_IMAGES = images_frozen images_tuned images_new
+SCORED = PATH=$(BIN):$$PATH activetouch benchmark --jobs 1 --out records/submissions/coarse-v1
+zoo: development
+	$(BIN)/activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
+	$(BIN)/python examples/benchmark/zoo.py $(BY_FILE) $(ON_IMAGES) --seeds 0 1
+	for seed in 0 1; do for agent in $(BY_FILE); do \
+		$(SCORED)/zoo-$$agent-$$seed.jsonl.gz --agent sb3:runs/zoo/$$agent-$$seed.zip || exit 1; done; \
+	for agent in $(ON_IMAGES); do $(SCORED)/zoo-$$agent-$$seed.jsonl.gz \
+		--agent "process:python examples/benchmark/image_policy.py runs/zoo/$$agent-$$seed.zip" || exit 1; done; done
 	$(BIN)/python docs/generate/tables.py
 
 figures: development

@@ -29,7 +29,7 @@ from experiments.sensor_choice import independent_sensor, open_sensor
 
 ROUNDS = 5
 NEXT_STEP, SAME_STEP = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
-LIBRARIES = {"gymnasium": "gymnasium sync × 16: trivial", "sb3": "sb3 dummy × 256: trivial"}
+LIBRARIES = {"gymnasium": "gymnasium sync × 256: trivial", "sb3": "sb3 dummy × 256: trivial"}
 
 
 class Counter(gymnasium.Env):
@@ -69,9 +69,13 @@ def main(scene: str, folder: Path | None) -> None:
         return gymnasium.make_vec(BANK_ID, num_envs=number, target="cone", autoreset_mode=mode)
 
     cases = {  # name: environment, how many at once, steps in a round
-        "gymnasium sync × 16: trivial": (sync(Counter, 16), 16, 100),
-        "gymnasium sync × 16: touches from the model": (sync(test_of(sampled), 16), 16, 25),
-        "gymnasium sync × 16: live": (sync(test_of(live), 16), 16, 4),
+        "gymnasium sync × 64: trivial": (sync(Counter, 64), 64, 40),
+        "gymnasium sync × 256: trivial": (sync(Counter, 256), 256, 20),
+        "gymnasium sync × 64: touches from the model": (sync(test_of(sampled), 64), 64, 10),
+        "gymnasium sync × 256: touches from the model": (sync(test_of(sampled), 256), 256, 4),
+        "gymnasium sync × 64: live": (sync(test_of(live), 64), 64, 2),
+        "gymnasium sync × 256: live": (sync(test_of(live), 256), 256, 1),
+        "gymnasium × 64: make_vec, NEXT_STEP": (made(64, NEXT_STEP), 64, 200),
         "gymnasium × 256: make_vec, NEXT_STEP": (made(256, NEXT_STEP), 256, 100),
         "gymnasium × 256: make_vec, SAME_STEP": (made(256, SAME_STEP), 256, 100),
         "gymnasium × 1024: make_vec, NEXT_STEP": (made(1024, NEXT_STEP), 1024, 50),

@@ -7,7 +7,8 @@ decision a new one sees all observations of the object in their order, so that t
 
 ``sb3:PATH``, or ``sb3:PATH(normalize='vecnormalize.pkl')``, is a policy that Stable-Baselines3 saved. The size and the
 range of its observation tell what it sees: the paper's state, the posterior, or this with the gain of each pose, alone
-or followed by the target, one-hot. Loading such a file runs code from it, so load only files that you trust.
+or followed by the target, one-hot. A recurrent policy sees the paper's state, and all observations of the object in
+their order, too. Loading such a file runs code from it, so load only files that you trust.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import json
 import pickle
 import warnings
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
@@ -57,6 +58,14 @@ def observation(info: InformationState, state: str, sees_target: bool, touch_lim
     """
     target = np.arange(info.problem.num_shapes) == info.target
     return np.append(shown(info, state, touch_limit)[0], target if sees_target else ()).astype(np.float32)
+
+
+def _observations(
+    info: InformationState, state: str, sees_target: bool, touch_limit: int, remembers: bool
+) -> Iterator[NDArray[np.float32]]:
+    """The :func:`observation` now, after all earlier ones of the object if the agent remembers."""
+    for number in range(0 if remembers else len(info.history), len(info.history) + 1):
+        yield observation(replace(info, history=info.history[:number]), state, sees_target, touch_limit)
 
 
 def decision(info: InformationState, action: int, touch_limit: int) -> Decision:
@@ -125,9 +134,8 @@ class FunctionPolicy:
         act: Callable[..., Any] = self.act
         if self.remembers:
             act = act()
-        for number in range(0 if self.remembers else len(info.history), len(info.history) + 1):
-            then = replace(info, history=info.history[:number])
-            given = act(observation(then, self.state, self.sees_target, self.touch_limit))
+        for seen in _observations(info, self.state, self.sees_target, self.touch_limit, self.remembers):
+            given = act(seen)
         found = np.asarray(given)
         most = info.problem.num_poses + 1
         if found.size != 1 or found.dtype.kind not in "iu" or not 0 <= int(found.reshape(())) <= most:
@@ -167,15 +175,18 @@ class SB3Policy(Checked):
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         model, state, sees_target, change = self._loaded(info)
-        seen = observation(info, state, sees_target, self.touch_limit)
-        if change is not None:
-            if np.shape(change.obs_rms.mean) != seen.shape:
-                raise BadPolicy(
-                    f"{self.normalize} normalises observations of shape {np.shape(change.obs_rms.mean)}; {self.path} "
-                    f"reads {seen.shape}"
-                )
-            seen = change.normalize_obs(seen)
-        return decision(info, int(model.predict(seen, deterministic=True)[0]), self.touch_limit)
+        memory, begins = None, np.ones(1, np.bool_)
+        for seen in _observations(info, state, sees_target, self.touch_limit, _remembers(model)):
+            if change is not None:
+                if np.shape(change.obs_rms.mean) != seen.shape:
+                    raise BadPolicy(
+                        f"{self.normalize} normalises observations of shape {np.shape(change.obs_rms.mean)}; "
+                        f"{self.path} reads {seen.shape}"
+                    )
+                seen = change.normalize_obs(seen)
+            action, memory = model.predict(seen, memory, begins, deterministic=True)
+            begins = np.zeros(1, np.bool_)
+        return decision(info, int(action), self.touch_limit)
 
     def knows_target(self, info: InformationState) -> bool:
         """Whether its observations, or the name of its file, depend on the target."""
@@ -200,7 +211,8 @@ class SB3Policy(Checked):
         model = _model(path, written(path))
         change = _normalization(more[0], written(more[0])) if more else None
         num_shapes, num_poses = info.problem.num_shapes, info.problem.num_poses
-        states = [state for state in _LEAST if self.state in ("", state)]
+        # Earlier beliefs are not known, and a recurrent policy would see them.
+        states = [state for state in (STATES[:1] if _remembers(model) else STATES) if self.state in ("", state)]
         sizes = {state: state_size(state, num_shapes, num_poses) for state in states}
         shape, actions = model.observation_space.shape, getattr(model.action_space, "n", None)
         least = np.min(getattr(model.observation_space, "low", np.nan))
@@ -261,7 +273,8 @@ def _model(path: Path, written: tuple[int, int] | None) -> Any:
         return algorithm.load(path, device="cpu")
     except Exception as error:  # unpickling and torch raise a dozen kinds on other policies and damaged bytes
         raise BadPolicy(
-            f"{path} cannot be loaded as {name}: {error}. It must be an undamaged PPO, A2C, DQN or MaskablePPO"
+            f"{path} cannot be loaded as {name}: {error}. It must be an undamaged PPO, A2C, DQN, MaskablePPO or "
+            "RecurrentPPO"
         ) from error
 
 
@@ -277,8 +290,14 @@ def _normalization(path: Path, written: tuple[int, int] | None) -> Any:
 
 def _algorithm(data: dict[str, Any]) -> tuple[str, str]:
     """Module and name of the algorithm that wrote a file, by the settings it keeps."""
-    if "sb3_contrib" in str(data.get("policy_class")):
-        return "sb3_contrib", "MaskablePPO"
+    policy = str(data.get("policy_class"))
+    if "sb3_contrib" in policy:
+        return "sb3_contrib", "RecurrentPPO" if "sb3_contrib.common.recurrent" in policy else "MaskablePPO"
     if "exploration_fraction" in data:
         return "stable_baselines3", "DQN"
     return "stable_baselines3", "PPO" if "clip_range" in data else "A2C"
+
+
+def _remembers(model: Any) -> bool:
+    """Whether a model of Stable-Baselines3 is recurrent."""
+    return hasattr(model.policy, "lstm_actor")

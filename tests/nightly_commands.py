@@ -40,6 +40,7 @@ SMALLER = {
     "tradeoff": {"--episodes": 2},
     "recorded": {"--scenes": 2, "--rounds": 1},
     "python -m benchmarks.seeds": {"--episodes": 2},
+    "python zoo.py": {"--steps": 1},
 }
 ELSEWHERE = {
     "pip install": "each job installs what it needs",

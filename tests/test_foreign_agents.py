@@ -28,7 +28,7 @@ def run(tmp_path, monkeypatch, few_hypotheses):
         (tmp_path / name).write_text(text.replace(of_users, few))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])  # to which commands add the folder
-    for name in ("pomdp_py_agent", "cleanrl_ppo", "recurrent_ppo"):
+    for name in ("pomdp_py_agent", "cleanrl_ppo"):
         monkeypatch.delitem(sys.modules, name, raising=False)
 
     def run(name, *words):
@@ -60,7 +60,7 @@ def test_ppo_and_an_agent_of_pomdp_py_play_the_same_searches(run, capsys):
 def test_a_file_as_of_cleanrl_and_a_recurrent_policy_learn_and_play(run, capsys):
     words = ("--targets", "cone", "--episodes", "2", "--jobs", "1")
     run("cleanrl_ppo.py", "1")
-    cleanrl, recurrent = "policy:cleanrl_ppo:act(state='posterior')", "policy:recurrent_ppo:Agent(remembers=True)"
+    cleanrl, recurrent = "policy:cleanrl_ppo:act(state='posterior')", "sb3:recurrent.zip"
     scene = ("--scene", "paper", "--sensor", "paper-independent")
     run("activetouch", "compare", *scene, *words, "--out", "one", "--deciders", cleanrl)
     run("recurrent_ppo.py", "1")

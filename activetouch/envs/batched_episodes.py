@@ -58,7 +58,7 @@ class BankEpisodes(SearchEpisodes, VectorEnv):
     Args:
         bank: the touches.
         model: the observation model.
-        target: label of the target shape; None to draw one for every episode, which the state "goal" observes.
+        target: label of the target shape; None to draw one for every episode, which observations end with, one-hot.
         num_envs: B.
         state: encoding of the observations, a key of :data:`belief.policy_state.ENCODINGS`.
         touch_cost: λ.
@@ -78,7 +78,7 @@ class BankEpisodes(SearchEpisodes, VectorEnv):
 
     Raises:
         UnknownName: the target or the state is unknown.
-        BadOption: a target is drawn and not observed, or the other way round; or a number is out of its range.
+        BadOption: the state "goal" has a fixed target, or a number is out of its range.
         ValueError: touch_cost or touch_limit is out of its range.
         LabelMismatch: bank and model have different shapes or poses.
         NoGains: the state has gains, and the model is no joint model or the bank has no features.
@@ -104,8 +104,8 @@ class BankEpisodes(SearchEpisodes, VectorEnv):
             raise UnknownName("target", target, list(bank.shape_labels))
         if state not in ENCODINGS:
             raise UnknownName("state", state, list(ENCODINGS))
-        if (target is None) != (state == GOAL):
-            raise BadOption(f"the state {GOAL!r} goes with target=None, got {state!r} and target={target!r}")
+        if target is not None and state == GOAL:
+            raise BadOption(f"the state {GOAL!r} goes with target=None, got target={target!r}")
         if num_envs < 1:
             raise BadOption(f"num_envs must be at least 1, got {num_envs}")
         if not (0.0 <= beta < np.inf and 0.0 <= discount <= 1.0):
@@ -160,6 +160,14 @@ class BankEpisodes(SearchEpisodes, VectorEnv):
         bank = TouchBank.shipped(scene)
         model = fitted_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}").model
         return cls(bank, model, target, num_envs, **settings)
+
+    def observe(self) -> NDArray[np.float32]:
+        """The observations, ``(B, S)``; a drawn target comes last, one-hot, as in ``ObjectTestGoal-v0``."""
+        seen = super().observe()
+        if not self._draws_target or self.state == GOAL:
+            return seen
+        is_target = self.targets[:, None] == np.arange(self.log_probs.shape[1])
+        return np.concatenate([seen, is_target.astype(np.float32)], axis=1)
 
     @property
     def num_touches(self) -> Ints:

@@ -6,10 +6,10 @@ import zipfile
 import numpy as np
 import pytest
 
-from belief import Belief, Confirm, Probe, Reject, SearchProblem
+from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
 from belief.policy_state import NoGains
 from planners import InformationState, check_decider, make_decider
-from planners.other_agents import SB3Policy
+from planners.other_agents import SB3Policy, observation
 from planners.ppo import BadPolicy, MissingPolicy, UnknownNormalization
 
 pytestmark = pytest.mark.torch
@@ -83,7 +83,7 @@ def test_a_file_for_each_target_is_found_by_its_name(saved, model):
         ("nonsense", "no file that Stable-Baselines3"),
         ("list", "no file that Stable-Baselines3"),
         ("many-names", r"no file that Stable-Baselines3 saved: its list of names has \d+ bytes"),
-        ("damaged", "cannot be loaded as PPO: .*undamaged PPO, A2C, DQN or MaskablePPO"),
+        ("damaged", "cannot be loaded as PPO: .*undamaged PPO, A2C, DQN, MaskablePPO or RecurrentPPO"),
     ],
 )
 def test_a_file_that_cannot_play_says_why(name, said, saved, model):
@@ -107,18 +107,43 @@ def test_a_policy_that_learned_on_a_bank_plays(tmp_path):
         assert check_decider(decider, np.random.default_rng(0), model, num_searches=1)
 
 
-def test_a_recurrent_policy_is_refused(tmp_path, model):
+def test_a_recurrent_policy_sees_all_touches_of_an_object_in_their_order(tmp_path, model):
     contrib = pytest.importorskip("sb3_contrib")
     import gymnasium
 
     from activetouch.envs.touch_source import SampledTouches
 
-    touches = SampledTouches(model, ("p0", "p1", "p2"))
-    env = gymnasium.make("activetouch:activetouch/ObjectTest-v0", touches=touches, target="shape_0")
-    contrib.RecurrentPPO("MlpLstmPolicy", env, device="cpu").save(tmp_path / "recurrent.zip")
-    decider = make_decider(f"sb3:{tmp_path}/recurrent.zip", model.outcome_table())
-    with pytest.raises(BadPolicy, match="cannot be loaded as MaskablePPO"):
-        check_decider(decider, np.random.default_rng(0), model, num_searches=1)
+    touches = SampledTouches(model, tuple(f"p{i}" for i in range(P)))
+    task = {"touches": touches, "target": "shape_0", "touch_limit": 6}
+    env = gymnasium.make("activetouch:activetouch/ObjectTest-v0", **task)
+    settings = {"n_steps": 64, "batch_size": 32, "n_epochs": 1, "policy_kwargs": {"lstm_hidden_size": 8}}
+    learner = contrib.RecurrentPPO("MlpLstmPolicy", env, seed=0, device="cpu", **settings).learn(64)
+    learner.save(tmp_path / "recurrent.zip")
+    decider = make_decider(f"sb3:{tmp_path}/recurrent.zip(touch_limit=6)", model.outcome_table())
+    assert check_decider(decider, np.random.default_rng(0), model, num_searches=2)
+
+    # An episode of the environment, in which the policy lives, has the same actions.
+    rng, different = np.random.default_rng(1), 0
+    labels = tuple(model.shape_labels)
+    problem = SearchProblem(labels, touches.pose_labels, 1, "independent")
+    for _ in range(20):
+        history, memory, begins = (), None, np.ones(1, np.bool_)
+        for _ in range(5):
+            info = InformationState(problem, 0, Belief.uniform(labels), history)
+            seen = observation(info, "paper", False, 6)
+            action, memory = learner.predict(seen, memory, begins, deterministic=True)
+            begins[:] = False
+            taken = decider.decide(info, np.random.default_rng(0)).action
+            assert taken == [*(Probe(i) for i in range(P)), Confirm(), Reject()][int(action)]
+            different += int(action) != int(learner.predict(seen, None, np.ones(1, np.bool_), deterministic=True)[0])
+            history = (*history, Touch(int(rng.integers(P)), 9.0 * rng.normal(size=K)))
+    assert different  # the memory counts
+
+    gymnasium_env = gymnasium.make("activetouch:activetouch/ObjectTest-v0", **task, state="posterior")
+    contrib.RecurrentPPO("MlpLstmPolicy", gymnasium_env, device="cpu").save(tmp_path / "posterior.zip")
+    other = make_decider(f"sb3:{tmp_path}/posterior.zip", model.outcome_table())
+    with pytest.raises(BadPolicy, match=r"\(9,\) from -1 on .* needs 5 actions and 10 numbers \(paper\), 14 with"):
+        check_decider(other, np.random.default_rng(0), model, num_searches=1)
 
 
 class Short:

@@ -168,12 +168,27 @@ def test_a_drawn_target_is_every_shape_and_has_the_prior(body, rng):
     np.testing.assert_array_equal(episodes.observe()[:, -4:].argmax(axis=1), episodes.targets)
 
 
-def test_gains_without_a_joint_model_and_a_target_that_nobody_sees_are_refused(bank, model):
+@pytest.mark.parametrize("state", ["paper", "posterior"])
+def test_a_drawn_target_follows_the_state_as_in_the_single_environment(state, bank, model, rng):
+    episodes = BankEpisodes(bank, model, None, 200, state)
+    episodes.restart(np.arange(200), rng)
+    single = ObjectTestEnv(touches=SampledTouches(model, bank.pose_labels), target=None, state=state)
+    assert episodes.single_observation_space == single.observation_space
+    seen = episodes.observe()
+    assert set(seen[:, -4:].argmax(axis=1)) == {0, 1, 2, 3}
+    np.testing.assert_array_equal(seen[:, -4:], np.eye(4)[episodes.targets])
+    for target, label in enumerate(bank.shape_labels):  # the rest is what the state shows with this target
+        known = BankEpisodes(bank, model, label, 200, state)
+        known.begin(np.arange(200), episodes.objects)
+        rows = episodes.targets == target
+        np.testing.assert_array_equal(seen[rows, :-4], known.observe()[rows])
+
+
+def test_gains_without_a_joint_model_and_a_fixed_target_of_the_goal_state_are_refused(bank, model):
     with pytest.raises(NoGains, match="a bank with features"):
         BankEpisodes(bank, model, "shape_0", 2, "gains")
-    for target, state in ((None, "posterior"), ("shape_0", "goal")):
-        with pytest.raises(BadOption, match="goes with target=None"):
-            BankEpisodes(bank, model, target, 2, state)
+    with pytest.raises(BadOption, match="goes with target=None"):
+        BankEpisodes(bank, model, "shape_0", 2, "goal")
 
 
 # The models that need more of a touch than its logits have tests of their own.
