@@ -94,8 +94,10 @@ def main() -> None:
         if getattr(sys, name) is None:  # closed, as by >&-; the next file to be opened would be written to by prints
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
     try:
-        _run(sys.argv[1:])
-        sys.stdout.flush()
+        try:
+            _run(sys.argv[1:])
+        finally:  # also after --help, which exits
+            sys.stdout.flush()
     except OSError as error:  # of printing, or of a library that writes a file, such as logs
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # without this the interpreter reports an error at exit
         if isinstance(error, BrokenPipeError):  # the reader of the output, such as head, has ended

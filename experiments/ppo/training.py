@@ -139,7 +139,7 @@ class Training:
             n_steps=recipe.rollout,
             batch_size=recipe.batch_size,
             n_epochs=recipe.epochs,
-            learning_rate=lambda left: recipe.learning_rate * left,
+            learning_rate=lambda left: recipe.learning_rate * max(left, 0.0),  # the last steps may be beyond the end
             ent_coef=recipe.entropy,
             gamma=recipe.discount,
             gae_lambda=recipe.gae,

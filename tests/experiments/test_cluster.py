@@ -89,11 +89,11 @@ def whole(tmp_path_factory):
     return played(tmp_path_factory.mktemp("whole"))
 
 
-def played(folder, jobs=1):
+def played(folder, jobs=1, episodes=50):
     """The episodes of a small comparison, as bytes."""
     setting = Setting(CHOICE, num_objects=1)
     Compare(
-        ("threshold", "random_confirm"), targets=("cone",), episodes=50, setting=setting, out=folder, jobs=jobs
+        ("threshold", "random_confirm"), targets=("cone",), episodes=episodes, setting=setting, out=folder, jobs=jobs
     ).play()
     return (folder / "episodes.jsonl").read_bytes()
 
@@ -198,15 +198,16 @@ def test_an_address_without_a_scheduler_is_named(monkeypatch):
 
 
 @pytest.mark.mujoco
-def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, whole, tmp_path, monkeypatch):
-    address = two_workers.address
+def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, tmp_path, monkeypatch):
+    address, long = two_workers.address, 400  # in 32 batches, two seconds of a worker
+    whole = played(tmp_path / "alone", episodes=long)
     at_first_batch(monkeypatch, two_workers.scheduler.kill)  # so this is the last test
     with pytest.raises(ClusterFailed) as lost, on_cluster(address):
-        played(tmp_path / "run")
+        played(tmp_path / "run", episodes=long)
     assert f"scheduler at {address} was lost. Finished results are kept" in str(lost.value)
     assert str(lost.value).endswith("the same command goes on")
     kept = contents(tmp_path / "run" / "cells")
-    assert 1 <= b"".join(kept.values()).count(b"\n") < 4
+    assert 1 <= b"".join(kept.values()).count(b"\n") < 32
     with dask(tmp_path, port=address.rpartition(":")[2], workers=1), on_cluster(address):
-        assert played(tmp_path / "run") == whole
+        assert played(tmp_path / "run", episodes=long) == whole
     assert all((tmp_path / "run" / "cells" / name).read_bytes().startswith(lines) for name, lines in kept.items())

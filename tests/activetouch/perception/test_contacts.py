@@ -133,7 +133,8 @@ def test_late_batches_have_more_hypotheses_and_the_usual_sensor():
     assert len(late.contacts) == len(late.cells) == 8 + 2 * 5
     assert not late.codes[:2].any()
     assert early.codes[1:].any()
-    for one, other in zip(late, again, strict=True):
+    assert late.layout is again.layout is None
+    for one, other in zip(late[:-1], again[:-1], strict=True):
         assert one.equal(other)
 
 
