@@ -21,7 +21,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from activetouch import TactileSensor
+from activetouch import TactileSensor, read_pad
+from benchmarks.pad_fits import simulated
 from experiments.search.benchmark.checking import check
 from tests import test_readme
 from tests.experiments.search import test_benchmark
@@ -81,7 +82,8 @@ def smaller(line: str) -> str:
 
 
 def _prepare(folder: Path) -> None:
-    """Write into the folder what pages take for granted: a clone, meshes, results, a policy, a style, logs, touches."""
+    """Write into the folder what pages take for granted: a clone, meshes, results, a policy, a style, a pad, logs."""
+    rng = np.random.default_rng(0)
     for path in ROOT.iterdir():
         if path.name in ("README.md", "Makefile", "benchmarks", "tests", "docs", "pyproject.toml"):
             (folder / path.name).symlink_to(path)
@@ -100,8 +102,13 @@ def _prepare(folder: Path) -> None:
         rows = [f"{seed},cone,{int((seed + number) % (number + 2) > 0)}" for seed in range(20)]
         (folder / name).write_text("\n".join(["seed,task,success", *rows]) + "\n")
     (folder / "mine.py").write_text("def act(observation):\n    return 0\n")
+    page = (ROOT / "docs/your_own_pad.md").read_text()
+    (folder / "mine.toml").write_text(page.partition("```toml\n")[2].partition("```")[0])
+    felt = simulated(read_pad(folder / "mine.toml"), np.full(7, 0.5), rng, 30)
+    names = ["force", *(f"t{taxel}" for taxel in range(felt.readings.shape[1]))]
+    table = np.column_stack([felt.forces, felt.readings])
+    np.savetxt(folder / "presses.csv", table, "%.6g", ",", header=",".join(names), comments="")
     (folder / "thesis.mplstyle").write_text("font.size: 8\n")
-    rng = np.random.default_rng(0)
     rows = [
         (thing, action, session, *(thing + rng.normal(size=3)))
         for thing in range(4)

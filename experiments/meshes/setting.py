@@ -101,7 +101,7 @@ def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
 
 def folder_of(sensor: str | Path) -> Path:
     """The folder of a shipped sensor by its name, of another one, or of one for the pad that a file describes."""
-    if Path(sensor).suffix == ".toml" and Path(sensor).is_file():
+    if Path(sensor).suffix == ".toml" and not Path(sensor).is_dir():
         from activetouch.sensor.any_pad import sensor_of_pad  # other sensors do not need it
 
         return sensor_of_pad(sensor)

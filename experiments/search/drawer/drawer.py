@@ -26,6 +26,7 @@ from belief.validation import require_count
 from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import default_jobs, run_tasks
 from experiments.report import Report, Reported, Section
+from experiments.scene_choice import in_file_names
 from experiments.search.drawer.page import searches_from_above
 from experiments.search.drawer.searches import Key, Searches, read_searches, write_searches
 from planners.certified import Certificate
@@ -281,8 +282,9 @@ class Drawer:
     """Certificate of activetouch certify --scene drawer, which says when searches of the only decider end."""
     seed: Seed = 0
     """Seed of objects and touches."""
-    out: Path = Path("runs/drawer")
-    """Folder of the searches and the report; finished searches are kept."""
+    out: Path | None = None
+    """Folder of the searches and the report, runs/drawer or runs/drawer-FOLDER by default; finished searches are
+    kept."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
 
@@ -299,4 +301,7 @@ class Drawer:
         )
         rules = TrayRules(self.travel, self.sure)
         searches = Searches(self.sensor, self.folder, self.strangers or (), tray, rules, self.seed)
-        report(searches, self.deciders, self.target, self.searches, self.out, self.jobs, self.certificate)
+        out = self.out
+        if out is None:
+            out = Path("runs/drawer" if self.folder is None else f"runs/drawer-{in_file_names(self.folder.name)}")
+        report(searches, self.deciders, self.target, self.searches, out, self.jobs, self.certificate)
