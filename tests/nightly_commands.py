@@ -37,6 +37,7 @@ SMALLER = {
     "reproduce": {"--input-size": 32, "--episodes": 2},
     "identify": {"--objects": 2},
     "find": {"--searches": 2},
+    "drawer": {"--objects": 3, "--searches": 2},
     "robustness": {"--searches": 1},
     "tradeoff": {"--episodes": 2},
     "recorded": {"--scenes": 2, "--rounds": 1},
