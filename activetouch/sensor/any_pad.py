@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +51,9 @@ def sensor_of_pad(pad: PadDescription | str | Path) -> Path:
     """
     pad = pad if isinstance(pad, PadDescription) else read_pad(pad)
     reader = reader_of_pad(pad)
-    folder = cache_folder() / "pads" / reader.digest[:32]
+    assert isinstance(reader.hypotheses, ContactHypotheses), "it reads any object"
+    of_all = hashlib.sha256(f"{reader.digest} {reader.hypotheses.digest}".encode())  # the network, and the description
+    folder = cache_folder() / "pads" / of_all.hexdigest()[:32]
     if not (folder / ANY_OBJECT_FILE).is_file():
         folder.mkdir(parents=True, exist_ok=True)
         pad.save(folder / PAD_FILE)

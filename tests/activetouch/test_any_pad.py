@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from activetouch import PadDescription, Response, TactileSensor, Taxels
+from activetouch import PadDescription, Response, TactileSensor, Taxels, read_pad
 from activetouch.errors import SceneShift
 from activetouch.perception.described_pads import EXAMPLE, RANGES, responses_beyond
 from activetouch.perception.imaging import SAMPLES, SensorState, imaging_of_pad
 from activetouch.perception.reader import TactileReader, resized
 from activetouch.sensor.any_pad import READER, reader_of_pad, sensor_of_pad
-from activetouch.sensor_files import ANY_OBJECT_FILE
+from activetouch.sensor_files import ANY_OBJECT_FILE, PAD_FILE
 
 SMALL = PadDescription(Taxels.grid(4, 4, 0.005), is_relative=True)
 LONG = PadDescription(Taxels.grid(12, 3, 0.002), is_relative=True)
@@ -84,6 +84,8 @@ def test_a_sensor_of_a_pad_is_made_once(tmp_path, monkeypatch):
     assert sensor_of_pad(SMALL) == folder
     assert (folder / ANY_OBJECT_FILE).stat().st_mtime_ns == made
     assert sensor_of_pad(LONG) != folder
+    fitted = replace(SMALL, response=Response.of({"law": [0.9, 1.1]}))
+    assert read_pad(sensor_of_pad(fitted) / PAD_FILE).response.ranges()["law"] == (0.9, 1.1)
     assert TactileReader.load(folder / ANY_OBJECT_FILE).digest == reader_of_pad(SMALL).digest
 
 
