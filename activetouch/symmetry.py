@@ -138,12 +138,10 @@ def symmetry_of(solid: Shape) -> RotationalSymmetry:
         proper = np.ones((len(tried), 1, 3))
         proper[:, 0, 2] = np.sign(np.linalg.det(left @ right))
         tried = (left * proper) @ right @ tried
-    kept, values = RotationalSymmetry(identity), misfit(tried)
-    order = np.argsort(values)
-    for other in _quaternions(tried[order[values[order] < most]]):
-        if kept.angles(other, identity)[0] > _SAME:
-            kept = RotationalSymmetry(np.vstack([kept.rotations, other]))
-    return kept
+    misfits = misfit(tried)
+    fits = misfits < most
+    apart = _apart(np.concatenate([np.eye(3)[None], tried[fits]]), np.append(0.0, misfits[fits]))
+    return RotationalSymmetry(_quaternions(apart))
 
 
 def _apart(rotations: Floats, misfits: Floats) -> Floats:

@@ -76,16 +76,22 @@ def independent_sensor(scene: str) -> Path:
     return own if own.is_dir() else usual
 
 
+def described_sensor(given: Path | None) -> Path | None:
+    """Folder of the shipped reader of any pad, for the pad that a file describes; None where it is no such file."""
+    if given is None or given.suffix != ".toml" or given.is_dir():
+        return None
+    from activetouch.sensor.any_pad import sensor_of_pad  # other sensors do not need it
+
+    return sensor_of_pad(given)
+
+
 def sensor_folder(given: Path | None, scene: str, pad: Path | None = None) -> Path:
     """Folder of a sensor: ``given`` is a folder, a scene with a shipped sensor, or a file that describes a pad.
 
     None means that of ``scene``, or of the file ``pad``: then the shipped reader of any pad.
     """
-    described = pad if given is None else given
-    if described is not None and described.suffix == ".toml" and not described.is_dir():
-        from activetouch.sensor.any_pad import sensor_of_pad  # other sensors do not need it
-
-        return sensor_of_pad(described)
+    if (own := described_sensor(pad if given is None else given)) is not None:
+        return own
     if given is None:
         return MODELS / in_file_names(scene)
     shipped = MODELS / given

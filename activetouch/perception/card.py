@@ -60,6 +60,11 @@ class ClassifierCard:
         return len(self.shape_labels) + 10 + len(PRODUCTS[0])
 
     @property
+    def described(self) -> Mapping[str, Any] | None:
+        """Entries of the description of the pad that it reads; None for the square pad of a scene."""
+        return None if self.imaging is None else self.imaging.get("described")
+
+    @property
     def knows_orientations(self) -> bool:
         """Whether it embeds hypotheses about the orientation in front of the pad, so that it works with any poses."""
         return self.embedding > 0
@@ -98,7 +103,7 @@ class ClassifierCard:
         if channels != self.channels:
             raise WrongScene(f"the reader takes images of {self.channels} channels, those of the scene have {channels}")
         found, wanted = image_shape[0], self.image_shape[0] if self.image_shape else self.input_size
-        if (self.imaging or {}).get("described") is not None:
+        if self.described is not None:
             return  # the network is told the layout of the pad, whose scene is required elsewhere
         if found % wanted and wanted % found:
             raise WrongScene(

@@ -227,7 +227,7 @@ class Imaging:
 
     @cached_property
     def layout(self) -> Floats32 | None:
-        """What the network of images is told about a described pad, ``(pixels² + LAYOUT,)``; None for the square."""
+        """What the network of images is told about a described pad, ``(pixels² + 9,)``; None for the square."""
         if self.described is None:
             return None
         from activetouch.perception.described_pads import numbers_of

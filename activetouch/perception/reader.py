@@ -254,7 +254,9 @@ class TactileReader:
     @cached_property
     def _layout(self) -> Floats32 | None:
         """Of the described pad that it reads."""
-        return None if self.card.imaging is None else Imaging.from_fields(self.card.imaging).layout
+        if self.card.imaging is None or self.card.described is None:
+            return None
+        return Imaging.from_fields(self.card.imaging).layout
 
     @cached_property
     def digest(self) -> str:

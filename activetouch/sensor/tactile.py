@@ -473,7 +473,7 @@ class TactileSensor:
 
 def _is_undecided(reader: TactileReader) -> bool:
     """Whether a reader is of a pad whose description leaves something open."""
-    entries = (reader.card.imaging or {}).get("described")
+    entries = reader.card.described
     if entries is None:
         return False
     from activetouch.perception.described_pads import description_of, is_known  # other pads do not need it

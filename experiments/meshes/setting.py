@@ -25,7 +25,7 @@ from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.errors import InvalidArgument
 from belief.observation_model.nested_bodies import NestedBodyModel
-from experiments.sensor_choice import embed_all, num_triangles, view_seconds
+from experiments.sensor_choice import described_sensor, embed_all, num_triangles, view_seconds
 
 SIZES = (0.97, 1.03)
 """Smallest and largest size of an object, relative to its mesh."""
@@ -101,10 +101,8 @@ def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
 
 def folder_of(sensor: str | Path) -> Path:
     """The folder of a shipped sensor by its name, of another one, or of one for the pad that a file describes."""
-    if Path(sensor).suffix == ".toml" and not Path(sensor).is_dir():
-        from activetouch.sensor.any_pad import sensor_of_pad  # other sensors do not need it
-
-        return sensor_of_pad(sensor)
+    if (own := described_sensor(Path(sensor))) is not None:
+        return own
     return MODELS / str(sensor) if (MODELS / str(sensor)).is_dir() else Path(sensor)
 
 

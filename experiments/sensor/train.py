@@ -113,17 +113,14 @@ class Train:
         """Train to the end of the recipe and write the reader."""
         check_arguments(self)
         require_extra("train")
-        if self.pad is not None:
-            pad, out = read_pad(self.pad), self.out or training_folder(f"pad-{self.pad.stem}")
-            claim_folder(out)
-            train_any_object(pad.scene(), out, self.steps, self.change.seed, self.device, self.jobs, pad)
-            return
-        if self.recipe == "pads":
+        if self.pad is not None or self.recipe == "pads":
             from activetouch.perception.described_pads import EXAMPLE  # other readers do not need it
 
-            out = self.out or training_folder("any-pad")
+            pad = EXAMPLE if self.pad is None else read_pad(self.pad)
+            out = self.out or training_folder("any-pad" if self.pad is None else f"pad-{self.pad.stem}")
             claim_folder(out)
-            train_any_object(EXAMPLE.scene(), out, self.steps, self.change.seed, self.device, self.jobs, EXAMPLE, True)
+            any_pad = self.pad is None
+            train_any_object(pad.scene(), out, self.steps, self.change.seed, self.device, self.jobs, pad, any_pad)
             return
         named = named_scene(self.scene)
         if self.recipe == "contacts":

@@ -57,22 +57,18 @@ class ContactReader(nn.Module):
 
     def first(self, images: Tensor, layout: Tensor | None = None) -> Tensor:
         """The input of the dense layers of :meth:`f`, ``(B, F)``."""
-        seen = (images * 4 - 0.3)[:, None]
-        if layout is None:
-            found: Tensor = self.of_image.first(self.images(seen.contiguous(memory_format=torch.channels_last)))
-            return found
-        pixels = images.shape[-1] ** 2
-        there = layout[:pixels].view(1, 1, *images.shape[1:]).expand_as(seen)
-        seen = torch.cat([seen, there], dim=1).contiguous(memory_format=torch.channels_last)
-        told: Tensor = self.of_layout(layout[None, pixels:])
-        return told + self.of_image.first(self.images(seen))
+        seen, pixels = (images * 4 - 0.3)[:, None], images.shape[-1] ** 2
+        if layout is not None:
+            seen = torch.cat([seen, layout[:pixels].view(1, 1, *images.shape[1:]).expand_as(seen)], dim=1)
+        found: Tensor = self.of_image.first(self.images(seen.contiguous(memory_format=torch.channels_last)))
+        return found if layout is None else found + self.of_layout(layout[None, pixels:])
 
     def embedded(self, first: Tensor) -> Tensor:
         """Embeddings ``(B, D)`` of the output of :meth:`first`."""
         return self.of_image.out(first).float() * self._scale
 
     def h(self, contacts: Tensor, cells: Tensor, codes: Tensor) -> Tensor:
-        """Embeddings ``(W, H, D)`` of contacts ``(H, 2, m, m)`` for cells ``(H,)``, in worlds ``(W, STATE_SIZE)``."""
+        """Embeddings ``(W, H, D)`` of contacts ``(H, 2 or 3, m, m)``, cells ``(H,)`` and worlds ``(W, state_size)``."""
         shown = self.of_contact.first(self.contacts(contacts.contiguous(memory_format=torch.channels_last)))
         shown = shown + self.of_cell(torch.log(cells / 0.1)[:, None])
         in_worlds = shown + self.of_world(codes)[:, None]
