@@ -24,12 +24,15 @@ from activetouch.sensor_files import (
     PAD_FILE,
     POLICIES,
     READER_FILE,
+    FittedModel,
     files_for,
     observation_file,
+    other_reader,
     require_simulated,
 )
 from activetouch.solids.solid import Shape
 from belief.errors import ActiveTouchError, InvalidArgument
+from belief.observation_model.rigid_body import FittedRigidBody
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
 from planners.registry import trained_state
@@ -107,11 +110,13 @@ def open_sensor(
     jobs: int | None = None,
     nested: bool | None = None,
     other_proportions: bool = False,
+    guarded: bool = False,
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
     ``folder`` may also be the name of a scene with a shipped sensor. With ``jobs``, contacts are predicted first, with
-    a progress bar. Errors of a sensor for another scene say how to make a fitting one.
+    a progress bar. ``guarded``: where it has both readers, its description and the proportions of built-in solids are
+    doubted, in place of the two arguments for that. Errors of a sensor for another scene say how to make a fitting one.
     """
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
     chosen = sensor_folder(folder, name, choice.pad if isinstance(choice, SceneChoice) else None)
@@ -123,6 +128,8 @@ def open_sensor(
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene, chosen)}")
     try:
         path, fitted, _ = files_for(chosen, scene, anyway, independent, bool(unknown_state) or nested is True)
+        if guarded:
+            unknown_state, other_proportions = _guards(chosen, path, fitted, scene, independent, nested)
         if jobs is not None and fitted is None:
             from activetouch.perception.preparation import hypotheses_of
 
@@ -143,11 +150,33 @@ def open_sensor(
     return sensor
 
 
+def _guards(
+    folder: Path, path: Path, fitted: FittedModel | None, scene: Scene, independent: bool, nested: bool | None
+) -> tuple[bool | None, bool]:
+    """The ``unknown_state`` and ``other_proportions`` of :meth:`TactileSensor.load` with which it doubts all it can."""
+    other = other_reader(folder, path, scene, independent)
+    is_joint = fitted is not None and isinstance(fitted.model, FittedRigidBody)
+    if other is None or not is_joint or TactileSensor.nested_plan(scene, independent, nested) is not None:
+        return False, False
+    from activetouch.perception.proportions import OtherProportions  # other sensors do not need it
+
+    return None, bool(len(OtherProportions(other, scene).shapes))
+
+
 def asked_state(unknown: bool, doubted: bool) -> bool | None:
     """Whether a sensor infers its state: always, never, or where touches are odd (None)."""
     if unknown and doubted:
         raise InvalidArgument("--unknown-state and --doubted-state contradict each other; leave one of them out")
     return None if doubted else unknown
+
+
+def doubts(as_described: bool, unknown: bool, doubted: bool, other_proportions: bool) -> dict[str, Any]:
+    """Arguments of :func:`open_sensor` for a sensor whose world may differ: all guards that it has, unless asked."""
+    asked = unknown or doubted or other_proportions
+    if as_described and asked:
+        raise InvalidArgument("--as-described leaves out all doubts; leave it out, or the options that ask for one")
+    state = asked_state(unknown, doubted)
+    return {"unknown_state": state, "other_proportions": other_proportions, "guarded": not (as_described or asked)}
 
 
 def embed_all(reader: TactileReader, scene: Scene, plan: NestedPlan, jobs: int | None = None) -> None:

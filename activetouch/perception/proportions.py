@@ -68,8 +68,8 @@ class OtherProportions:
     def _in(self, place: int | tuple[float, ...]) -> tuple[Floats32, Floats32]:
         """Embedded hypotheses in a pose or another place, ``(V, N, D)``, and usual objects there, ``(U, D)``; kept."""
         if place not in self._kept:
-            number = min(_HYPOTHESES, _IN_ALL // len(self.shapes))
-            varied, usual = (self._embedded(*of, place) for of in ((self._varied, number), (self.scene, _USUAL)))
+            pairs = (self.bodies, self.number), (self.scene, _USUAL)
+            varied, usual = (self._embedded(*of, place) for of in pairs)
             self._kept[place] = varied, usual.reshape(-1, usual.shape[-1])
         return self._kept[place]
 
@@ -84,8 +84,14 @@ class OtherProportions:
     def _kept(self) -> dict[int | tuple[float, ...], tuple[Floats32, Floats32]]:
         return {}
 
+    @property
+    def number(self) -> int:
+        """N: hypotheses of other proportions of each shape."""
+        return min(_HYPOTHESES, _IN_ALL // len(self.shapes))
+
     @cached_property
-    def _varied(self) -> Scene:
+    def bodies(self) -> Scene:
+        """The scene with solids of other proportions: those shapes alone that have them, in their order."""
         labels = [self.scene.shape_labels[index] for index in self.shapes]
         return replace(self.scene, shapes={label: Proportions(self.scene.solids[label]) for label in labels})
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -28,6 +28,7 @@ from activetouch.perception.card import read_card
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, regridded, sensor_state
 from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
+from activetouch.perception.proportions import OtherProportions
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds, in_unknown_state, with_changes
 from activetouch.poses import turned
@@ -40,7 +41,7 @@ from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import joint_evidence
 from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import SensorHealth, spread_prior
-from belief.observation_model.varied_bodies import VariedBodyModel
+from belief.observation_model.varied_bodies import SHARE, VariedBodyModel, VariedEvidence
 from belief.problem import Touch
 from belief.validation import Floats
 
@@ -80,7 +81,18 @@ _NAMED = 0.8  # probability of a shape, for one object alone, from which it is p
 _PENALTY = 6.0  # log ratio by which a further change must explain the touches better: there are some 70
 _FULL = 0.9  # reading of a cell that may be stuck, relative to full scale
 _MOST_CHANGES = 3
+_BLANK = 12.0  # log Bayes factor that a sensor tells nothing, where its taxels all read the same: noise makes that rare
 _UNEXPLAINED = 2.0  # log Bayes factor from which changes are composed
+
+
+class _Believed(NamedTuple):
+    """Log weights of hypotheses about an object: of nominal proportions ``(K, N)`` and of others ``(V, N')``, or None.
+
+    Both are up to the same constant.
+    """
+
+    nominal: Floats
+    varied: Floats | None = None
 
 
 class _Composed(NamedTuple):
@@ -97,10 +109,12 @@ class SensorDoubts:
     Attributes:
         path: of the reader of any object.
         scene: describes the sensor.
+        varied: hypotheses of other proportions, where objects may have them: a reason for odd touches that is no doubt.
     """
 
     path: Path
     scene: Scene
+    varied: OtherProportions | None = None
 
     @cached_property
     def imaging(self) -> Imaging:
@@ -138,7 +152,7 @@ class SensorDoubts:
     def read_again(self, touch: Touch) -> Touch:
         """See :class:`belief.observation_model.doubted_sensor.Doubts`."""
         assert touch.image is not None, "asked before"
-        return Touch(touch.pose, features=self.reader.run(touch.image[None])[0][0])
+        return Touch(touch.pose, features=self.reader.run(touch.image[None])[0][0], image=touch.image)
 
     def states(self) -> SensorHealthModel:
         """See :class:`belief.observation_model.doubted_sensor.Doubts`."""
@@ -146,11 +160,14 @@ class SensorDoubts:
 
     @cached_property
     def _states(self) -> SensorHealthModel:
-        return in_unknown_state(self.reader, self.scene)
+        found = in_unknown_state(self.reader, self.scene)
+        if self.varied is None or not isinstance(found.nominal, RigidBodyModel):
+            return found
+        return replace(found, nominal=VariedBodyModel(found.nominal, self.varied))
 
     def are_odd(self, objects: Sequence[DoubtedEvidence], log_conflict: float) -> bool:
         """See :class:`belief.observation_model.doubted_sensor.Doubts`."""
-        if log_conflict >= _SUSPICION:
+        if log_conflict >= _SUSPICION or _are_blank(objects):
             return True
         log_probs = np.log([_NOMINAL, *[(1.0 - _NOMINAL) / len(_COARSE)] * len(_COARSE)])
         log_probs = log_probs + sum(map(self._coarsely, objects))
@@ -160,7 +177,7 @@ class SensorDoubts:
         if log_odds + _MOST_FACTOR < _DOUBTED:
             return False
         likely = [one.nominal.log_likelihood for one in objects]
-        weights = [self._nominal_weights(one.nominal) for one in objects]
+        weights = [_believed(one.nominal) for one in objects]
         odd = self._oddness(objects, likely, weights, self.described, "described")
         factor = 0.0 if odd is None else min(max(_log_factor(odd), _LEAST_FACTOR), _MOST_FACTOR)
         return log_odds + factor >= _DOUBTED
@@ -168,22 +185,40 @@ class SensorDoubts:
     def _coarsely(self, one: DoubtedEvidence) -> Floats:
         """Log evidence of an object in the described state and each of the coarse alternatives."""
         if "coarsely" not in one.kept:
-            scores = np.zeros((1 + len(_COARSE), 1, 1))
-            for touch in one.again:
-                scores = scores + self._alternatives.in_pose(int(touch.pose)) @ _features(touch)
-            one.kept["coarsely"] = np.logaddexp.reduce(scores / _SOFTER, axis=(1, 2))
+            found = np.logaddexp.reduce(self._summed(one, "coarsely", self._alternatives), axis=(1, 2))
+            if self.varied is not None and self._others is not None:
+                others = np.logaddexp.reduce(self._summed(one, "others", self._others), axis=None)
+                shares = np.log1p(-SHARE), math.log(SHARE * _FEW / self._others.number)
+                found[0] = np.logaddexp(shares[0] + found[0], shares[1] + others)
+            one.kept["coarsely"] = found
         return np.asarray(one.kept["coarsely"])
+
+    @staticmethod
+    def _summed(one: DoubtedEvidence, name: str, embedded: EmbeddedWorlds) -> Floats:
+        """Log ratios of all touches of an object under few hypotheses in some states, ``(W, K, H)``."""
+        number, scores = one.sums.get(name, (0, np.zeros((1, 1, 1))))
+        for touch in one.again[number:]:
+            scores = scores + embedded.in_pose(int(touch.pose)) @ _features(touch)
+        one.sums[name] = len(one.again), scores
+        return np.asarray(scores / _SOFTER)
 
     @cached_property
     def _alternatives(self) -> EmbeddedWorlds:
         changed = [with_changes(self.imaging, self.described, change) for change in _COARSE]
         return EmbeddedWorlds(self._hypotheses, self.scene, _joined(self.described, *changed), _FEW)
 
+    @cached_property
+    def _others(self) -> EmbeddedWorlds | None:
+        """Bodies of other proportions in the described state."""
+        if self.varied is None:
+            return None
+        return EmbeddedWorlds(self._hypotheses, self.varied.bodies, self.described, self.varied.number)
+
     def _oddness(
         self,
         objects: Sequence[DoubtedEvidence],
         likely: Sequence[Floats],
-        log_weights: Sequence[Floats],
+        believed: Sequence[_Believed],
         state: SensorState,
         name: str,
     ) -> float | None:
@@ -192,45 +227,56 @@ class SensorDoubts:
         None where no object may be named.
         """
         found = []
-        for one, probs, weights in zip(objects, likely, log_weights, strict=True):
+        for one, probs, weights in zip(objects, likely, believed, strict=True):
             shape = int(probs.argmax())
             if probs[shape] - np.logaddexp.reduce(probs) < math.log(_NAMED):
                 continue
             key = "pressed", name, shape
             if key not in one.kept:
-                one.kept[key] = self._residuals(one.touches, shape, weights[shape], state)
+                one.kept[key] = self._residuals(one.touches, shape, weights, state)
             found.append(one.kept[key])
         return oddness(found) if found else None
 
-    @staticmethod
-    def _nominal_weights(evidence: ObjectEvidence) -> Floats:
-        """Log weights of the hypotheses of nominal proportions, ``(K, N)``."""
-        joint = joint_evidence(evidence)
-        assert joint is not None, "of a rigid body"
-        return joint.log_weights
-
-    def _residuals(self, touches: Sequence[Touch], shape: int, log_weights: Floats, state: SensorState) -> Residuals:
-        pressed, rng = self._pressed(len(log_weights)), np.random.default_rng(list(_digest(touches)))
+    def _residuals(self, touches: Sequence[Touch], shape: int, believed: _Believed, state: SensorState) -> Residuals:
+        """Of presses of bodies drawn from the belief about a shape, of nominal and of other proportions."""
+        log_weights, rng = believed.nominal[shape], np.random.default_rng(list(_digest(touches)))
+        number, other = len(log_weights), -1
+        if believed.varied is not None and self.varied is not None and shape in self.varied.shapes:
+            other = int(np.searchsorted(self.varied.shapes, shape))
+            varied = believed.varied[other]
+            log_weights = log_weights + (math.log1p(-SHARE) - math.log(number))
+            log_weights = np.concatenate([log_weights, varied + (math.log(SHARE) - math.log(len(varied)))])
         shares = np.exp(log_weights - log_weights.max())
         chosen = rng.choice(len(shares), DRAWN, p=shares / shares.sum())
+        parts = [(self._pressed(self.scene, number), shape, chosen[chosen < number])]
+        if self.varied is not None:
+            parts.append(
+                (self._pressed(self.varied.bodies, self.varied.number), other, chosen[chosen >= number] - number)
+            )
         images = compared(np.stack([touch.image for touch in touches if touch.image is not None]))
-        drawn = [pressed.pressed(shape, chosen, int(touch.pose), state, rng) for touch in touches]
+        drawn = []
+        for touch in touches:
+            each = [some.pressed(which, rows, int(touch.pose), state, rng) for some, which, rows in parts if len(rows)]
+            drawn.append(np.concatenate(each))
         return Residuals.of(images, drawn)
 
-    def _pressed(self, number: int) -> PressedBeliefs:
-        if number not in self._by_number:
-            bodies = self.scene.hypotheses(number)
-            self._by_number[number] = PressedBeliefs(self.scene, self.imaging, bodies, cell_of(number))
-        return self._by_number[number]
+    def _pressed(self, scene: Scene, number: int) -> PressedBeliefs:
+        """Presses so many hypotheses of each shape of a scene: the own one, or that of other proportions."""
+        key = scene is self.scene, number
+        if key not in self._kept:
+            self._kept[key] = PressedBeliefs(scene, self.imaging, scene.hypotheses(number), cell_of(number))
+        return self._kept[key]
 
     @cached_property
-    def _by_number(self) -> dict[int, PressedBeliefs]:
+    def _kept(self) -> dict[tuple[bool, int], PressedBeliefs]:
         return {}
 
     def explained(
         self, objects: Sequence[DoubtedEvidence], log_likelihoods: Floats, health: SensorHealth
     ) -> Explanation:
         """See :class:`belief.observation_model.doubted_sensor.Doubts`."""
+        if _are_blank(objects):
+            return Explanation(log_likelihoods, str(health), _BLANK)
         inferred = [one.inferred for one in objects]
         found = self._checked(objects, inferred, log_likelihoods, health, self._listed[1])
         if found.log_unexplained < _UNEXPLAINED:
@@ -252,7 +298,7 @@ class SensorDoubts:
     ) -> Explanation:
         """What states say, and whether the likeliest one explains the images."""
         best = int(health.probs[:-1].argmax())
-        weights = [one.log_weights[best - 1] if best else self._nominal_weights(one.nominal) for one in inferred]
+        weights = [_Believed(one.log_weights[best - 1]) if best else _believed(one.nominal) for one in inferred]
         odd = self._oddness(objects, list(likely), weights, _row(states, best), health.labels[best])
         return Explanation(likely, str(health), 0.0 if odd is None else _log_factor(odd))
 
@@ -349,7 +395,7 @@ class SensorDoubts:
 
     def __getstate__(self) -> dict[str, Any]:
         """The state for another process, without what can be computed anew."""
-        return {"path": self.path, "scene": self.scene}
+        return {"path": self.path, "scene": self.scene, "varied": self.varied}
 
 
 def doubted(model: ArrayModel, path: Path, scene: Scene) -> ArrayModel:
@@ -359,7 +405,23 @@ def doubted(model: ArrayModel, path: Path, scene: Scene) -> ArrayModel:
     """
     if not isinstance(model, RigidBodyModel | VariedBodyModel):
         return model
-    return DoubtedSensorModel(model, SensorDoubts(path, scene))
+    varied = model.varied if isinstance(model, VariedBodyModel) else None
+    return DoubtedSensorModel(
+        model, SensorDoubts(path, scene, varied if isinstance(varied, OtherProportions) else None)
+    )
+
+
+def _are_blank(objects: Sequence[DoubtedEvidence]) -> bool:
+    """Whether in every touch, all taxels read the same."""
+    return all(touch.image is not None and np.ptp(touch.image) == 0 for one in objects for touch in one.touches)
+
+
+def _believed(evidence: ObjectEvidence) -> _Believed:
+    """What evidence about a body says of its hypotheses, if the sensor is as described."""
+    joint = joint_evidence(evidence)
+    assert joint is not None, "of a rigid body"
+    varied = evidence.log_weights if isinstance(evidence, VariedEvidence) else None
+    return _Believed(joint.log_weights, None if varied is None else varied - joint.constant)
 
 
 def _log_factor(odd: float) -> float:

@@ -41,9 +41,10 @@ from numpy.typing import ArrayLike, NDArray
 from belief.conflict import log_conflict
 from belief.frozen import frozen
 from belief.observation_model.model import ArrayModel
+from belief.observation_model.nominal import BesideNominal, OfNominal
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
-from belief.observation_model.sensor_health import BesideNominal, OfNominal, SensorEvidence, SensorHealthModel
+from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import AS_DESCRIBED, SensorHealth
 from belief.observation_model.varied_bodies import VariedBodyModel, VariedEvidence
 from belief.problem import Touch
@@ -185,6 +186,8 @@ class DoubtedEvidence(BesideNominal):
                 found.__dict__["again"] = (*self.again, self.model.doubts.read_again(touch))
             if "inferred" in vars(self):
                 found.__dict__["inferred"] = self.inferred.update(found.again[-1])
+        if "sums" in vars(self):
+            found.__dict__["sums"] = dict(self.sums)
         return found
 
     @cached_property
@@ -205,6 +208,11 @@ class DoubtedEvidence(BesideNominal):
     @cached_property
     def kept(self) -> dict[Any, Any]:
         """What a :class:`Doubts` has computed about these touches."""
+        return {}
+
+    @cached_property
+    def sums(self) -> dict[Any, tuple[int, Floats]]:
+        """What a :class:`Doubts` sums over the touches, and over how many; the next evidence goes on from them."""
         return {}
 
     @property

@@ -16,7 +16,7 @@ Two touches that fit the second hypothesis of the mug, and none of the cup:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -94,6 +94,10 @@ class RigidBodyEvidence:
     tested: ObjectConflict | None = None
     waiting: tuple[_Felt, ...] = ()
     constant: float = 0.0
+
+    def untested(self) -> RigidBodyEvidence:
+        """The same evidence without the conflict test."""
+        return replace(self, tested=None)
 
     def update(self, touch: Touch) -> RigidBodyEvidence:
         """The evidence with one more touch; costs K N D multiplications."""

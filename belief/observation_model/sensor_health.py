@@ -33,11 +33,10 @@ wrong sign 1.00
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,12 +44,11 @@ from numpy.typing import ArrayLike, NDArray
 from belief.frozen import frozen
 from belief.naming import checked_names
 from belief.observation_model.embedded_hypotheses import require_table, scaled
-from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, log_means
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.nominal import BesideNominal, OfNominal
+from belief.observation_model.outcome_mixture import log_means
+from belief.observation_model.rigid_body import RigidBodyModel, joint_model
 from belief.observation_model.rigid_body_evidence import (
-    Diagnostics,
     RigidBodyEvidence,
     SumsByPlace,
     relative,
@@ -61,75 +59,11 @@ from belief.problem import Touch
 from belief.validation import SUM_TOLERANCE, Floats, renormalised, require_number
 
 if TYPE_CHECKING:
+    from belief.observation_model.varied_bodies import VariedBodyModel, VariedEvidence
     from belief.touch_batch import TouchBatch
 
 _KEPT_BYTES = 2**27  # of tables in single precision
 _LEAST = -1e4  # log of a posterior by its prior: an impossible world may come back
-
-
-class OfNominal:
-    """Methods of joint models of a sensor whose state may differ from the nominal one, that of its description.
-
-    Samples, tables and the file are those of the nominal model: the reader brings the other states.
-    """
-
-    name: ClassVar[str] = FittedRigidBody.name
-    reads: ClassVar[Reads] = "embeddings"
-    nominal: Any
-
-    @property
-    def num_poses(self) -> int:
-        """See :class:`ArrayModel`."""
-        return self.nominal.num_poses
-
-    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        return self.nominal._sample(shape, poses, rng)
-
-    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        return self.nominal._tabulate(num_outcomes, rng)
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`."""
-        return self.nominal.to_fields()
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
-        """See :class:`ArrayModel`: the nominal model."""
-        return FittedRigidBody.from_fields(fields)
-
-
-class BesideNominal(ABC):
-    """Methods of evidence about one object that holds the evidence if the sensor is as described, ``nominal``.
-
-    Predicted outcomes and diagnostics are those of the nominal hypotheses.
-    """
-
-    nominal: Any
-
-    @property
-    def num_touches(self) -> int:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return self.nominal.num_touches
-
-    @abstractmethod
-    def update(self, touch: Touch) -> Self:
-        """The evidence with one more touch."""
-
-    def updated(self, touches: Iterable[Touch]) -> Self:
-        """The evidence with more touches, one after the other."""
-        found = self
-        for touch in touches:
-            found = found.update(touch)
-        return found
-
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return self.nominal.outcome_mixture(num_outcomes, num_hypotheses)
-
-    @property
-    def diagnostics(self) -> Diagnostics:
-        """See :class:`Diagnostics`."""
-        return self.nominal.diagnostics
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +74,7 @@ class SensorHealthModel(OfNominal, ArrayModel):
     Samples, tables, predicted outcomes and the file are those of the nominal model.
 
     Attributes:
-        nominal: the sensor as described; its conflict test is not used.
+        nominal: the sensor as described, whose objects may have other proportions; its conflict test is not used.
         worlds: embeds the hypotheses in W other worlds, pose by pose, at first use.
         world_labels: names of the W worlds; W may be 0.
         prior: probabilities of the components nominal, worlds, unknown, ``(1 + W + 1,)``; see :func:`spread_prior`.
@@ -151,7 +85,7 @@ class SensorHealthModel(OfNominal, ArrayModel):
             the unknown one; a forgetting out of range.
     """
 
-    nominal: RigidBodyModel
+    nominal: RigidBodyModel | VariedBodyModel
     worlds: EmbedsWorlds
     world_labels: tuple[str, ...]
     prior: Floats
@@ -184,7 +118,14 @@ class SensorHealthModel(OfNominal, ArrayModel):
     def start_in(self, awake: NDArray[np.int64]) -> SensorEvidence:
         """The evidence before the first touch of an object, with only some worlds awake."""
         nothing = np.zeros((len(awake), len(self.shape_labels), 1))
-        return SensorEvidence(self, replace(self.nominal.start(), tested=None), frozen(awake), frozen(nothing))
+        return SensorEvidence(self, self.nominal.start().untested(), frozen(awake), frozen(nothing))
+
+    @cached_property
+    def _body(self) -> RigidBodyModel:
+        """Of nominal proportions, if the sensor is as described."""
+        found = joint_model(self.nominal)
+        assert found is not None
+        return found
 
     def scores_of(self, touch: Touch, embedding: Floats, awake: NDArray[np.int64]) -> NDArray[np.float32]:
         """Log ratio of a touch under the hypotheses of some worlds, ``(A, K, N')``.
@@ -194,7 +135,7 @@ class SensorHealthModel(OfNominal, ArrayModel):
         """
         place: int | tuple[float, ...] = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
         found = self.worlds.in_pose(place) if isinstance(place, int) else self.worlds.in_place(place)
-        wanted = len(self.world_labels), len(self.shape_labels), self.nominal.references.shape[-1]
+        wanted = len(self.world_labels), len(self.shape_labels), self._body.references.shape[-1]
         if found.ndim != 4 or (*found.shape[:2], found.shape[3]) != wanted or not found.shape[2]:
             raise ValueError(
                 f"hypotheses of other worlds must be (W, K, N', D) = {(*wanted[:2], 'N', wanted[2])}, "
@@ -203,7 +144,7 @@ class SensorHealthModel(OfNominal, ArrayModel):
         if place not in self._checked:
             require_table(found, found.shape)
             self._checked.add(place)
-        one = scaled(embedding, self.nominal.temperature)[0]
+        one = scaled(embedding, self._body.temperature)[0]
         scores = np.empty((len(awake), *found.shape[1:3]), np.float32)
         room, kept = np.empty_like(found[0], np.int32), self._kept
         is_settled = found.dtype == np.float16 and 2 * len(awake) < len(found)  # then the same are asked for again
@@ -292,7 +233,7 @@ class SensorEvidence(BesideNominal):
     """
 
     model: SensorHealthModel
-    nominal: RigidBodyEvidence
+    nominal: RigidBodyEvidence | VariedEvidence
     awake: NDArray[np.int64]
     log_weights: Floats
     constant: float = 0.0
@@ -308,8 +249,9 @@ class SensorEvidence(BesideNominal):
         nominal = self.nominal.update(touch)
         if not len(self.awake):
             return replace(self, nominal=nominal)
-        scores = self.model.scores_of(touch, self.model.nominal.embedding_of(touch), self.awake)
-        rates = self.model.nominal.correlation, self.model.nominal.drift
+        body = self.model._body
+        scores = self.model.scores_of(touch, body.embedding_of(touch), self.awake)
+        rates = body.correlation, body.drift
         sums, discounted = with_touch(self.sums, touch, scores, *rates)
         constant, total = (self.constant, self.log_weights + scores) if discounted is None else (0.0, discounted)
         log_weights, log_likelihoods, largest = relative(total)

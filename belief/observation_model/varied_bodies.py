@@ -23,7 +23,7 @@ A cup that the nominal model takes for a mug, unless cups may be longer:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -33,10 +33,10 @@ from numpy.typing import NDArray
 from belief.constraints import Probability, check
 from belief.frozen import frozen
 from belief.observation_model.model import ArrayModel
+from belief.observation_model.nominal import BesideNominal, OfNominal
 from belief.observation_model.outcome_mixture import log_means
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, SumsByPlace, with_touch
-from belief.observation_model.sensor_health import BesideNominal, OfNominal
 from belief.problem import Touch
 from belief.validation import Floats
 
@@ -133,6 +133,15 @@ class VariedEvidence(BesideNominal):
         with np.errstate(divide="ignore"):
             found[shapes] = np.logaddexp(np.log1p(-share) + found[shapes], np.log(share) + varied)
         return frozen(found)
+
+    def untested(self) -> VariedEvidence:
+        """The same evidence without the conflict test."""
+        return replace(self, nominal=self.nominal.untested())
+
+    @property
+    def constant(self) -> float:
+        """See :class:`RigidBodyEvidence`."""
+        return self.nominal.constant
 
     @property
     def log_bets(self) -> Floats | None:

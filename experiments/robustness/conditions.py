@@ -227,15 +227,21 @@ stiffness × 0.7, size ± 25 % and forces from 0.7 times the least to 1.3 times 
 last condition is the lower bound: a sensor without information."""
 
 
-def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict[str, Scene], dict[str, str]]:
-    """The scenes of the named conditions (or all) that apply, the unchanged one first, and why others do not."""
-    for name in names:
-        if name not in CONDITIONS:
-            raise UnknownName("condition", name, list(CONDITIONS))
+def applicable_conditions(
+    scene: Scene, asked: Sequence[str] | Mapping[str, Change] = ()
+) -> tuple[dict[str, Scene], dict[str, str]]:
+    """The scenes of conditions that apply, the unchanged one first, and why others do not.
+
+    ``asked`` are names of :data:`CONDITIONS`, of which all are meant by none, or conditions by name.
+    """
+    known = asked if isinstance(asked, Mapping) else CONDITIONS
+    for name in asked:
+        if name not in known:
+            raise UnknownName("condition", name, list(known))
     scenes, left_out = {AS_TRAINED: scene}, {}
-    for name in (name for name in CONDITIONS if name in names or not names):
+    for name in (name for name in known if name in asked or not asked):
         try:
-            changed = CONDITIONS[name](scene)
+            changed = known[name](scene)
         except DoesNotApply as reason:
             left_out[name] = str(reason)
             continue

@@ -20,20 +20,22 @@ from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from belief.constraints import Fraction
 from belief.files import claim_folder, ends_claims
+from belief.observation_model.doubted_sensor import DoubtedSensorModel
 from belief.seeding import keyed_rng
 from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
 from experiments.command_line.arguments import Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
 from experiments.report import Report, Reported, Section
-from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
+from experiments.robustness.conditions import AS_TRAINED, Change, applicable_conditions
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.search.comparison import compare
 from experiments.search.summary import ALL
-from experiments.sensor_choice import asked_state, open_sensor
+from experiments.sensor_choice import doubts, open_sensor
 
 _DECIDER = "information_gain"
 _PRESSES = 160  # of the same objects in every condition
+_ABSTAIN = 0.02
 _LEAST = 0.02  # share of images that a condition changes, below which it is said to change nothing
 
 
@@ -70,6 +72,7 @@ class RobustnessReport(Reported):
             widest = max(gaps, key=lambda name: abs(gaps[name]))
             notes.append(f"Largest gap: {gaps[widest]:+.3f} ({widest}).")
         title = f"{self.numbers['scene']}: {first['number']} live searches by information gain in each condition"
+        title += ", by a sensor that doubts its description" * self.numbers.get("doubts", False)
         found = [Table(title, headings, cells, " ".join(notes), "conditions")]
         if left_out := self.numbers["left_out"]:
             found.append(Table("left out", ("condition", ("because", "")), list(left_out.items()), name="left_out"))
@@ -87,13 +90,15 @@ def robustness(
     named: NamedScene,
     *,
     name: str = "scene",
-    conditions: Sequence[str] = (),
+    conditions: Sequence[str] | Mapping[str, Change] = (),
     searches: int = 25,
     seed: int = 0,
     abstain: float | None = None,
     jobs: int = 1,
 ) -> RobustnessReport:
-    """Search among the same objects under changed conditions, keys of ``conditions.CONDITIONS``, all by default.
+    """Search among the same objects under changed conditions: names of ``conditions.CONDITIONS``, all by default.
+
+    A mapping has conditions of your own: functions from a scene to the changed one, by name.
 
     There are so many ``searches`` for every target, by information gain, under every condition. ``abstain`` is as of
     :func:`activetouch.compare`.
@@ -125,6 +130,7 @@ def robustness(
             "scene": name,
             "seed": seed,
             "abstain": abstain,
+            "doubts": isinstance(sensor.model, DoubtedSensorModel),
             "conditions": found,
             "left_out": left_out,
             "shift": list(sensor.shift),
@@ -165,7 +171,7 @@ class Robustness:
 
         activetouch robustness --scene gel --searches 50
         activetouch robustness --scene coarse --conditions "noise × 2" "size ± 25 %"
-        activetouch robustness --scene coarse --conditions "noise × 2" --doubted-state --abstain 0.02
+        activetouch robustness --scene coarse --conditions "noise × 2" --as-described
     """
 
     scene: str = "gel"
@@ -179,6 +185,9 @@ class Robustness:
     """Number of live searches for every target, by information gain, under every condition."""
     seed: Seed = 0
     """Seed of the searches."""
+    as_described: bool = False
+    """Take the sensor, and the proportions of built-in solids, to be as described, and always answer. By default, as in
+    live, a sensor that has both readers doubts them, and searches may end unsure."""
     unknown_state: bool = False
     """Infer the state of the sensor from the touches, as of compare."""
     doubted_state: bool = False
@@ -186,7 +195,8 @@ class Robustness:
     other_proportions: bool = False
     """Built-in solids may have other proportions, as of compare."""
     abstain: Fraction | None = None
-    """False-alarm rate of the conflict test, such as 0.02: searches can end with "I do not know"."""
+    """False-alarm rate of the conflict test: searches can end with "I do not know". 0.02 by default, or none with
+    --as-described."""
     out: Path | None = None
     """Folder for the results; runs/robustness-SCENE by default."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -203,8 +213,7 @@ class Robustness:
         choice = SceneChoice(self.scene)
         out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(self.scene)}")
         claim_folder(out)
-        unknown = asked_state(self.unknown_state, self.doubted_state)
-        options: dict[str, Any] = {"unknown_state": unknown, "other_proportions": self.other_proportions}
+        options = doubts(self.as_described, self.unknown_state, self.doubted_state, self.other_proportions)
         sensor = open_sensor(self.sensor, choice, self.anyway, **options)
         found = robustness(
             sensor,
@@ -213,7 +222,7 @@ class Robustness:
             conditions=self.conditions,
             searches=self.searches,
             seed=self.seed,
-            abstain=self.abstain,
+            abstain=_ABSTAIN if self.abstain is None and not self.as_described else self.abstain,
             jobs=self.jobs,
         )
         for table in found.tables():

@@ -34,7 +34,7 @@ from belief.validation import Floats, as_real
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.play import CompositionName, Setting
-from experiments.sensor_choice import asked_state, open_sensor, sensor_folder
+from experiments.sensor_choice import doubts, open_sensor, sensor_folder
 from planners.episode import ACTION_NAMES, MOVED
 from planners.session_log import OtherModel, problem_fields
 from planners.tray import Press
@@ -355,6 +355,9 @@ class Live:
     By default a new one in runs/live."""
     anyway: bool = False
     """Accept a sensor that was made for another scene."""
+    as_described: bool = False
+    """Take the sensor, and the proportions of built-in solids, to be as described. By default a sensor that has both
+    readers doubts them: where touches are odd, it asks what is the matter."""
     unknown_state: bool = False
     """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
     image. Needs a reader of any object."""
@@ -459,6 +462,5 @@ class Live:
         if of_scene in SCENES and choice.scene == SceneChoice.scene:
             choice = replace(choice, scene=of_scene)
         nested = True if self.observation_model == "nested" else None
-        unknown = asked_state(self.unknown_state, self.doubted_state)
-        options: dict[str, Any] = {"nested": nested, "other_proportions": self.other_proportions}
-        return open_sensor(given, choice, self.anyway, unknown_state=unknown, **options)
+        options = doubts(self.as_described, self.unknown_state, self.doubted_state, self.other_proportions)
+        return open_sensor(given, choice, self.anyway, nested=nested, **options)

@@ -122,7 +122,8 @@ class Setting:
         reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state or nested)
         if reader.name == ANY_OBJECT_FILE:
             return [reader]
-        other = other_reader(self.sensor_folder, reader, scene, independent) if self.other_proportions else None
+        asks_other = self.other_proportions or self.doubted_state
+        other = other_reader(self.sensor_folder, reader, scene, independent) if asks_other else None
         return [reader, observation_file(self.sensor_folder, independent), *([] if other is None else [other])]
 
     def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
