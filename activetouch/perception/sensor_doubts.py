@@ -413,7 +413,8 @@ def doubted(model: ArrayModel, path: Path, scene: Scene) -> ArrayModel:
 
 def _are_blank(objects: Sequence[DoubtedEvidence]) -> bool:
     """Whether in every touch, all taxels read the same."""
-    return all(touch.image is not None and np.ptp(touch.image) == 0 for one in objects for touch in one.touches)
+    images = [touch.image for one in objects for touch in one.touches]
+    return bool(images) and all(image is not None and np.ptp(image) == 0 for image in images)
 
 
 def _believed(evidence: ObjectEvidence) -> _Believed:

@@ -14,7 +14,9 @@ from activetouch.data.manifest import CollectionPlan, NoCollection, read_manifes
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, fitted_model
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, InvalidArgument
+from belief.observation_model.doubted_sensor import DoubtedSensorModel
+from belief.observation_model.varied_bodies import VariedBodyModel
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
 from experiments.command_line.arguments import Trust
@@ -27,7 +29,7 @@ from experiments.search.play import Setting
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.collect import collect
 from experiments.sensor.train import Train
-from experiments.sensor_choice import NoSensor, open_sensor
+from experiments.sensor_choice import NoSensor, doubts, open_sensor
 from planners.ppo import MissingPolicy
 
 GEL, COARSE, PAPER, MANY, KEYED = (MODELS / name for name in ("gel", "coarse", "paper", "many", "keyed"))
@@ -238,3 +240,20 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
     (tmp_path / "sensor" / INDEPENDENT_FILE).unlink()
     with pytest.raises(NoIndependentModel, match="calibrate writes both"):
         replace(independent, sensor=tmp_path / "sensor").open_sensor()
+
+
+def test_a_guarded_sensor_doubts_what_it_can():
+    doubting = open_sensor(None, SceneChoice("coarse"), guarded=True).model
+    assert isinstance(doubting, DoubtedSensorModel)
+    assert isinstance(doubting.nominal, VariedBodyModel)
+    for other in (SceneChoice("paper"), SceneChoice("keyed"), SceneChoice("coarse", hand="parallel")):
+        assert not isinstance(open_sensor(None, other, guarded=True).model, DoubtedSensorModel | VariedBodyModel)
+
+
+def test_all_doubts_are_asked_for_unless_some_are_or_none():
+    asked = {"unknown_state": False, "other_proportions": False, "guarded": True}
+    assert doubts(False, False, False, False) == asked
+    assert doubts(True, False, False, False) == asked | {"guarded": False}
+    assert doubts(False, False, True, False) == asked | {"guarded": False, "unknown_state": None}
+    with pytest.raises(InvalidArgument, match="leave it out"):
+        doubts(True, False, False, True)

@@ -16,6 +16,7 @@ from activetouch.rendering import StuckTaxels
 from activetouch.sensor_files import MODELS
 from belief import SceneBelief
 from belief.errors import InvalidArgument
+from experiments.robustness.conditions import CONDITIONS
 from experiments.sensor_choice import asked_state
 
 
@@ -84,6 +85,30 @@ def test_in_its_own_world_searches_are_those_of_the_nominal_model():
                 assert step.touch.image.shape == doubting.scene.image_shape
                 scene.update(step.object_index, [step.touch])
         assert str(scene.sensor_health) == "as described"
+
+
+@pytest.mark.mujoco
+def test_bodies_of_other_proportions_are_no_reason_for_a_doubt_where_they_are_expected():
+    odd = []
+    for expected in (False, True):
+        sensor = TactileSensor.shipped("coarse", unknown_state=None, other_proportions=expected)
+        short, rng = CONDITIONS["cylinder × 0.5"](sensor.scene), np.random.default_rng(1)
+        objects = []
+        for _ in range(2):
+            obj = short.sample_object("cylinder", rng)
+            felt = np.stack([short.press(obj, pose, rng).image for pose in range(5)])
+            objects.append(sensor.model.start().updated(sensor.read(felt, range(5))))
+        odd.append(sensor.model.doubts.are_odd(objects, 0.0))
+    assert odd == [True, False]
+
+
+def test_a_sensor_whose_taxels_all_read_the_same_tells_nothing():
+    sensor = TactileSensor.shipped("coarse", unknown_state=None)
+    doubts, likely = sensor.model.doubts, np.zeros((1, 4))
+    blank = sensor.model.start().updated(sensor.read(np.full((2, 4, 4), 7, np.uint8), range(2)))
+    assert doubts.are_odd([blank], 0.0)
+    assert doubts.explained([blank], likely, "healthy").log_unexplained > 10.0
+    assert not doubts.are_odd([], 0.0)
 
 
 def test_who_cannot_doubt_its_description_says_so():

@@ -149,6 +149,17 @@ def test_friction_is_changed_alone_where_something_may_slide(name):
         assert replace(changed, variation=same) == scene
 
 
+@pytest.mark.mujoco
+def test_conditions_may_be_your_own(sensor, monkeypatch):
+    monkeypatch.setattr("experiments.robustness.robustness._PRESSES", 4)
+    own = {"louder": CONDITIONS["noise × 6"]}
+    found = robustness(sensor, SCENES["coarse"], conditions=own, searches=1, seed=3)
+    assert list(found.numbers["conditions"]) == [AS_TRAINED, "louder"]
+    assert found.numbers["conditions"]["louder"]["changed"] == 4
+    with pytest.raises(UnknownName, match="condition"):
+        robustness(sensor, SCENES["coarse"], conditions=["louder"])
+
+
 def test_an_unknown_condition_is_refused_with_the_nearest(tmp_path):
     with pytest.raises(UnknownName, match="noise × 2"):
         Robustness("coarse", conditions=("noise x 2",), out=tmp_path).run()
@@ -159,12 +170,14 @@ def test_an_unknown_condition_is_refused_with_the_nearest(tmp_path):
 @pytest.mark.slow
 def test_the_command_writes_a_page_and_the_same_numbers_as_the_function(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.robustness.robustness._PRESSES", 24)
-    Robustness("coarse", conditions=("noise × 2",), searches=1, seed=3, out=tmp_path, jobs=1).run()
+    options = {"conditions": ("noise × 2",), "searches": 1, "seed": 3, "jobs": 1}
+    Robustness("coarse", as_described=True, out=tmp_path, **options).run()
     numbers = json.loads((tmp_path / "robustness.json").read_text())
     again = robustness(
         TactileSensor.shipped("coarse"), SCENES["coarse"], name="coarse", conditions=["noise × 2"], searches=1, seed=3
     )
     assert numbers == json.loads(json.dumps(again.numbers))
+    assert not numbers["doubts"]
     assert list(numbers["conditions"]) == [AS_TRAINED, "noise × 2"]
     [table] = again.tables()
     for row, found in zip(table.rows, numbers["conditions"].values(), strict=True):

@@ -74,7 +74,7 @@ class Robot:
 def test_a_search_over_a_pipe_that_is_killed_is_the_search(tmp_path):
     expected, robot, log = sensor().search("cone", seed=7), Robot(), tmp_path / "log.jsonl"
     command = [sys.executable, "-m", "experiments.cli", "live", "--sensor", "coarse", "--target", "cone", "--seed", "7"]
-    command += ["--never-unsure", "--log", str(log)]
+    command += ["--never-unsure", "--as-described", "--log", str(log)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as live:
 
         def says(**request):
