@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test tests quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions zoo clean
+.PHONY: search test tests quick nightly check types others docs dist environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions zoo clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -49,6 +49,13 @@ others:
 BUILD_DOCS = NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 docs: development
 	$(BUILD_DOCS)
+
+# The wheel and the source archive of a release in dist: what is committed, without readers that are fetched at first use.
+FETCHED := any_pad.safetensors paper-independent/reader.safetensors
+dist:
+	rm -rf build/release && git clone --quiet . build/release
+	cd build/release/activetouch/models && rm $(FETCHED)
+	$(PYTHON) -m build --outdir dist build/release
 
 # What searches need, and what training and tests need beside it, in the same folder. Without --no-compile, pip writes
 # 100 MB of bytecode (with training, a minute and a half more), most of it never used; the first start writes what is.

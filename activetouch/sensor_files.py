@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
+from activetouch.fetched_models import FOLDER, model_file
 from activetouch.perception.card import read_card
 from activetouch.perception.imaging import Imaging, differs_from_training, fields_read
 from activetouch.scene import Scene, require_no_hand
@@ -18,7 +19,7 @@ from belief.files import require_regular_file
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import read_observation_model, read_origin
 
-MODELS = Path(__file__).parent / "models"
+MODELS = FOLDER
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know
 PAD_FILE = "pad.toml"  # description of the pad that a reader of any object was trained for
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
@@ -108,7 +109,7 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
     ``independent`` given the shape: then the reader of the own objects reads them in any state of the sensor.
     """
     require_simulated(folder)
-    own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
+    own, other = model_file(folder / READER_FILE), folder / ANY_OBJECT_FILE
     if unknown_state:
         if scene.hand is not None:
             raise InvalidArgument("no state of the sensor is inferred with a hand; leave out --unknown-state or --hand")

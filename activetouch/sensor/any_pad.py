@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from activetouch.errors import SceneShift
+from activetouch.fetched_models import model_file
 from activetouch.pad_file import PadDescription, read_pad
 from activetouch.perception.cached_arrays import cache_folder
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
@@ -35,7 +36,7 @@ def reader_of_pad(pad: PadDescription) -> TactileReader:
             SceneShift,
             stacklevel=2,
         )
-    reader, imaging = TactileReader.load(READER), imaging_of_pad(pad)
+    reader, imaging = TactileReader.load(model_file(READER)), imaging_of_pad(pad)
     assert isinstance(reader.hypotheses, ContactHypotheses), "it reads any object"
     card = replace(reader.card, scene=scene_fields(pad.scene()), imaging=imaging.fields())
     return replace(reader, card=card, hypotheses=replace(reader.hypotheses, imaging=imaging))
