@@ -45,9 +45,16 @@ class Reference:
 
     @classmethod
     def parse(cls, text: str) -> Reference:
-        """Parse ``name``, ``name(key=literal, ...)``, or either with ``module:`` before it."""
+        """Parse ``name``, ``name(key=literal, ...)``, or either with ``module:`` before it.
+
+        A hyphen in the name of an entry counts as an underscore, as in options:
+
+        >>> Reference.parse("information-gain").name
+        'information_gain'
+        """
         name, bracket, rest = text.partition("(")
-        module, colon, attribute = name.strip().rpartition(":")
+        name = name.strip() if ":" in name else name.strip().replace("-", "_")
+        module, colon, attribute = name.rpartition(":")
         if not all(part.isidentifier() for part in [*attribute.split("."), *(module.split(".") if colon else ())]):
             raise BadReference(f"{text!r} is not a name; write name, module:attribute, or either with (key=value, ...)")
         try:
@@ -61,9 +68,9 @@ class Reference:
                 raise ValueError("a setting is given twice")
         except (SyntaxError, ValueError) as error:
             raise BadReference(
-                f"{text!r} cannot be read: {error}. Settings are literals by name, such as {name.strip()}(touches=4)"
+                f"{text!r} cannot be read: {error}. Settings are literals by name, such as {name}(touches=4)"
             ) from error
-        return cls(name.strip(), settings, bool(bracket))
+        return cls(name, settings, bool(bracket))
 
     @property
     def is_users(self) -> bool:
