@@ -135,13 +135,12 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
 
 
 def doubting_file(folder: Path, own: Path, scene: Scene, independent: bool = False) -> Path:
-    """The reader of any object with which a sensor, whose own reader lies in a file, may doubt its description."""
-    other = other_reader(folder, own, scene, independent)
-    if other is None:
+    """The reader of any object with which a sensor that reads a scene by a file may doubt its description."""
+    other = own if own.name == ANY_OBJECT_FILE else folder / ANY_OBJECT_FILE
+    if not other.exists() or independent or scene.hand is not None:
         raise InvalidArgument(
-            f"only a sensor without a hand whose own reader and joint model fit the scene, and which also has a reader "
-            f"of any object, doubts its description where touches are odd; {folder} does not: infer its state from the "
-            "start (unknown_state=True, --unknown-state)"
+            "a sensor doubts its description where touches are odd if it has a joint model and a reader of any object, "
+            f"and no hand; {folder} does not: leave out the doubt (unknown_state, --doubted-state)"
         )
     return other
 

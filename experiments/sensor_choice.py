@@ -26,6 +26,7 @@ from activetouch.sensor_files import (
     POLICIES,
     READER_FILE,
     FittedModel,
+    doubting_file,
     files_for,
     observation_file,
     other_reader,
@@ -155,13 +156,17 @@ def _guards(
     folder: Path, path: Path, fitted: FittedModel | None, scene: Scene, independent: bool, nested: bool | None
 ) -> tuple[bool | None, bool]:
     """The ``unknown_state`` and ``other_proportions`` of :meth:`TactileSensor.load` with which it doubts all it can."""
-    other = other_reader(folder, path, scene, independent)
-    is_joint = fitted is not None and isinstance(fitted.model, FittedRigidBody)
-    if other is None or not is_joint or TactileSensor.nested_plan(scene, independent, nested) is not None:
+    is_joint = fitted is None or isinstance(fitted.model, FittedRigidBody)
+    if not is_joint or TactileSensor.nested_plan(scene, independent, nested) is not None:
+        return False, False
+    try:
+        doubting_file(folder, path, scene, independent)
+    except InvalidArgument:
         return False, False
     from activetouch.perception.proportions import OtherProportions  # other sensors do not need it
 
-    return None, bool(len(OtherProportions(other, scene).shapes))
+    other = other_reader(folder, path, scene, independent)
+    return None, other is not None and bool(len(OtherProportions(other, scene).shapes))
 
 
 def asked_state(unknown: bool, doubted: bool) -> bool | None:

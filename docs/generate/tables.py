@@ -27,6 +27,7 @@ from experiments.tradeoff.report import SHARES
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"
 SHIFTED = ("gel", "coarse", "paper", "hard", "many")
+DOUBTING = ("coarse", "gel", "hard")
 TOUCHED = ("paper", "coarse", "gel", "hard", "many")
 CALIBRATED = {
     "coarse": ("coarse", ("rigid body",)),
@@ -70,8 +71,13 @@ SHOWN = (
 
 def robustness(page: str) -> str:
     """The page with its table of some conditions of three scenes."""
-    conditions = [read_record(f"robustness/{scene}")["conditions"] for scene in ("gel", "coarse", "hard")]
-    rows = [_row(name, *(_stops(found.get(name)) for found in conditions)) for name in SHOWN]
+    rows = []
+    for name in SHOWN:
+        cells = []
+        for scene in DOUBTING:
+            described, doubting = (read_record(f"robustness/{kind}{scene}") for kind in ("", "default_"))
+            cells += [_stops(described["conditions"].get(name)), _guarded_stops(doubting["conditions"].get(name))]
+        rows.append(_row(name, *cells))
     return _with_rows(page, "## What is stated", rows)
 
 
@@ -84,6 +90,10 @@ def all_worlds(page: str) -> str:
             _row(name, *(cell(record["conditions"].get(name)) for record in records.values())) for name in conditions
         ]
         page = _with_rows(page, beginning, rows)
+    doubting = [read_record(f"robustness/default_{scene}")["conditions"] for scene in DOUBTING]
+    names = dict.fromkeys(name for found in doubting for name in found)
+    rows = [_row(name, *(_guarded(found.get(name)) for found in doubting)) for name in names]
+    page = _with_rows(page, "## By default", rows)
     among = []
     for scene, record in records.items():
         if found := record["among_strangers"]:
@@ -439,6 +449,21 @@ def _stops(condition: Mapping[str, Any] | None) -> str:
         return "–"
     searches = condition["models"]["rigid body"]["searches"]
     return f"{searches['stated']:.3f}, {_kept(searches['achieved'])}"
+
+
+def _guarded_stops(condition: Mapping[str, Any] | None) -> str:
+    """Stated confidence and accuracy of confirmations of a sensor that doubts, and the share that ends unsure."""
+    if condition is None:
+        return "–"
+    stops = "–" if condition["stated"] is None else f"{condition['stated']:.3f}, {_kept(condition['achieved'])}"
+    return f"{stops}; {condition['unsure'][0]:.2f}"
+
+
+def _guarded(condition: Mapping[str, Any] | None) -> str:
+    """The same, with the share that ends wrong, and touches."""
+    if condition is None:
+        return "–"
+    return f"{_guarded_stops(condition)}; {condition['wrong'][0]:.3f}; {condition['touches']:.1f}"
 
 
 def _answers(condition: Mapping[str, Any] | None) -> str:

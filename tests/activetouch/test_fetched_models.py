@@ -54,7 +54,7 @@ def test_an_address_works_as_a_folder_does(without, monkeypatch):
 @pytest.mark.parametrize("source", ["/nowhere", "file:///nowhere", "no-such-scheme://x", "http://127.0.0.1:1"])
 def test_what_cannot_be_fetched_says_what_would_work(source, without, monkeypatch):
     monkeypatch.setenv("ACTIVETOUCH_MODELS", source)
-    with pytest.raises(MissingWeights, match="cannot be fetched.*set ACTIVETOUCH_MODELS"):
+    with pytest.raises(MissingWeights, match=r"cannot be fetched.*set ACTIVETOUCH_MODELS"):
         TactileSensor.shipped("paper-independent")
 
 

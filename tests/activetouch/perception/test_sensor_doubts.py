@@ -113,7 +113,7 @@ def test_a_sensor_whose_taxels_all_read_the_same_tells_nothing():
 
 def test_who_cannot_doubt_its_description_says_so():
     for name in ("paper", "many"):
-        with pytest.raises(InvalidArgument, match="infer its state from the start"):
+        with pytest.raises(InvalidArgument, match="leave out the doubt"):
             TactileSensor.load(MODELS / name, SCENES[name].scene, unknown_state=None)
     with pytest.raises(InvalidArgument, match="contradict"):
         asked_state(unknown=True, doubted=True)
