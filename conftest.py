@@ -43,5 +43,7 @@ def _caches_in_a_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> I
     shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ACTIVETOUCH_CACHE", str(shared / "cache"))
-        patch.setenv("SB3_LOGDIR", str(folder / "logs"))  # Stable-Baselines3's default is a new folder for each training
+        patch.setenv(
+            "SB3_LOGDIR", str(folder / "logs")
+        )  # Stable-Baselines3's default is a new folder for each training
         yield

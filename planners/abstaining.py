@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, isnan, log
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -31,7 +32,15 @@ from planners.decider import Decider, Decision, InformationState, are_touches_us
 
 CONFLICT, ANSWER = "log_conflict", "answer_prob"
 """Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""
-REASONS = ("is_conflict", "is_doubtful", "is_suspicious", "is_unlisted", "is_cut_off")
+REASONS = MappingProxyType(
+    {
+        "is_conflict": "the touches contradict the observation model",
+        "is_doubtful": "no answer is probable enough, and more touches are not worth their cost or not allowed",
+        "is_suspicious": "the touches make it doubtful that the sensor knows this world",
+        "is_unlisted": "the object has probably none of the shapes",
+        "is_cut_off": "the limit of touches is reached",
+    }
+)
 """Scores that say why a search ended with "I do not know"."""
 _LARGEST = 1e150  # a statistic of infinite size is recorded as this: scores are finite
 

@@ -156,21 +156,27 @@ class ActiveClassification(FrozenArrays):
         """The task of a table of past cases with known classes; its model is fitted to them.
 
         Args:
-            cases: values of columns, ``(n, C)``, finite; NaN or None where missing.
+            cases: values of columns, ``(n, C)``, finite numbers or words; NaN, None or "" where missing.
             labels: class of each case, ``(n,)``, any values that can be sorted.
-            actions: names of the P actions.
+            actions: names of the P actions; by default those of the columns of a data frame.
             groups: columns that one action shows, for each action; by default each column is an action.
             num_contexts: as of :func:`~belief.observation_model.context_fit.fit_contexts`.
             num_bins: most outcomes of a column; by default 4 to 16, by the number of cases.
             seed: of the fit.
             settings: as of the class; ``prior`` is by default the share of each class among the cases.
         """
-        values, number = np.unique(np.asarray(labels), return_inverse=True)
+        given = np.asarray(labels)
+        for place, label in enumerate(given.ravel().tolist()):
+            if label is None or label != label or label == "":
+                raise InvalidArgument(f"the label of case {place} is missing: leave the case out")
+        values, number = np.unique(given, return_inverse=True)
         code = OutcomeCode.of(cases, groups, num_bins)
         outcomes = code.outcomes(cases)
         if len(number) != len(outcomes):
             raise InvalidArgument(f"{len(outcomes)} cases need as many labels, got {len(number)}")
         names = tuple(str(value) for value in values.tolist())
+        if not len(actions) and groups is None:
+            actions = tuple(map(str, getattr(cases, "columns", ())))
         model = fit_contexts(outcomes, number, names, num_contexts, code.sizes(), seed)
         shares = (np.bincount(number, minlength=len(names)) + 1.0) / (len(number) + len(names))
         task = cls(model, actions, code=code, **{"prior": shares, **settings})
@@ -368,8 +374,8 @@ class Case(Tabular):
         """Say what came of an action.
 
         Args:
-            outcome: index of the outcome; for a task from a table the value of the column, or the values of all columns
-                of the action. None or NaN if the action cannot be carried out: another one is then asked for.
+            outcome: index of the outcome; for a task from a table the value or word of the column, or the values of all
+                columns of the action. None or NaN if the action cannot be carried out: another one is then asked for.
             action: name or index, if it is another one than was asked for.
 
         Raises:
@@ -383,8 +389,7 @@ class Case(Tabular):
         elif self._task.code is None:
             self.tell_outcome(int(outcome), pose)
         else:
-            values = np.atleast_1d(np.asarray(outcome, np.float64))[None]
-            self.tell_outcome(int(self._task.code.outcome(pose, values)[0]), pose)
+            self.tell_outcome(self._task.code.told(pose, outcome), pose)
 
     def tell_outcome(self, outcome: int, action: int | None = None) -> None:
         """As :meth:`tell`, by the index of the outcome, -1 where it is missing, and of the action."""

@@ -33,9 +33,10 @@ from belief.bayes import Belief
 from belief.errors import InvalidArgument
 from belief.naming import NONE_OF_THESE, UNKNOWN, UNLISTED, Name, index_of, one_line
 from belief.observation_model.model import ObservationModel
-from belief.problem import Action, Probe, SearchProblem, Touch
+from belief.problem import Action, Probe, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneView
 from belief.search_progress import Outcome, SearchProgress
+from planners.abstaining import REASONS
 from planners.decider import Decider, Decision, InformationState, checked_decision
 from planners.episode import MOVED, Episode, Step
 from planners.session_log import (
@@ -155,6 +156,13 @@ class Session(AskAndTell[Told]):
             else:
                 self._asked = decision
         return None if self._asked is None else self._asked.action
+
+    @property
+    def reason(self) -> str | None:
+        """Why "I do not know" is asked for, in words; None where something else is, or the decider does not say it."""
+        if self._asked is None or not isinstance(self._asked.action, Unsure):
+            return None
+        return next((words for name, words in REASONS.items() if self._asked.scores.get(name)), None)
 
     def tell(
         self,

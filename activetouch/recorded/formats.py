@@ -45,6 +45,7 @@ _ARRAYS = (*_NAMES, "features", "untouched", "feature_names", "provenance", "lic
 _UNTOUCHED = "untouched:"  # begins the names of columns that were measured where nothing was touched
 _TYPO = 0.8  # least similarity of two names of which one is a typing error
 _MOST_PIXELS = 32  # along an edge
+_MOST_BORDER = 0.7  # share of the pixels; of 4 x 4, most lie at the border
 _POSES = ("down", "45", "side")
 Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
 
@@ -76,12 +77,17 @@ def _touches_of_table(
 
 
 def read_csv(folder: Path, factors: Sequence[str] = ()) -> Read:
-    """The touches of all CSV files of a folder; BadRecording names the file and the line that is none."""
-    require_folder(folder, "one or more .csv files, with the columns object, action, session and features")
-    paths = sorted(path for end in ("*.csv", "*.csv.gz") for path in folder.glob(end))
+    """The touches of a CSV file, or of all of a folder; BadRecording names the file and the line that is none."""
+    paths, others = [folder], list[str]()
+    if not folder.is_file():
+        require_folder(folder, "one or more .csv files, with the columns object, action, session and features")
+        paths = sorted(path for end in ("*.csv", "*.csv.gz") for path in folder.glob(end))
+        others = sorted(path.name for path in folder.iterdir() if path not in paths)
     if not paths:
-        raise BadRecording(f"there is no .csv or .csv.gz file in {folder}")
-    others = sorted(path.name for path in folder.iterdir() if path not in paths)
+        raise BadRecording(
+            f"there is no .csv or .csv.gz file in {folder}. A file has a header such as object,action,session,f1,f2 "
+            "and one line for each touch"
+        )
     words = list(dict.fromkeys((*_NAMES, *factors)))
     return _touches_of_table(paths, words, str(folder), factors=factors), _ignored("file", others)
 
@@ -135,7 +141,7 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
         is_border = np.ones((rows, columns), np.bool_)
         is_border[1:-1, 1:-1] = False
         controls = {name: array.reshape(len(array), -1) for name, array in zip(controls, nothing, strict=True)}
-        if not is_border.all():
+        if is_border.mean() <= _MOST_BORDER:  # of a small picture, the border is touched as well
             controls["border pixels"] = pictures[:, is_border].reshape(len(features), -1)
         features = pictures
     touches = touches_of_columns(

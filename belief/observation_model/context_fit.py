@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.naming import checked_names
+from belief.naming import checked_names, few
 from belief.observation_model.context_model import MISSING, ContextModel, log_products
 from belief.validation import Floats, as_real, checked_indices, require_count, unmasked
 
@@ -28,6 +29,7 @@ _HELD = 4  # one case of four is held out to choose the number of contexts
 _SHARPNESS = np.array([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3])
 _BINS = 0.65  # times the cube root of the number of cases
 _MOST_JOINT = 32  # outcomes of an action with several columns
+_MOST_WORDS = 64  # different ones in a column
 _EDGE = 0.01  # share of the smallest and of the largest values that do not stretch the bins
 
 
@@ -41,20 +43,22 @@ class OutcomeCode(FrozenArrays):
         joint: for each action with several columns the combinations of bins that are outcomes of their own; all others
             are one more outcome. Empty for an action with one column.
         most: M, the largest number of outcomes of an action.
+        words: for each column of words, these in their order, whose places are its values; empty for one of numbers.
     """
 
     columns: tuple[tuple[int, ...], ...]
     edges: tuple[Floats, ...]
     joint: tuple[NDArray[np.int64], ...]
     most: int
+    words: tuple[tuple[str, ...], ...] = ()
 
     def outcomes(self, values: ArrayLike) -> NDArray[np.int64]:
         """Outcomes ``(n, P)`` of cases ``(n, C)``, -1 where a column of the action is missing (NaN).
 
         Raises:
-            InvalidArgument: another number of columns than was fitted.
+            InvalidArgument: another number of columns than was fitted, or a word that no case had.
         """
-        table = as_table(values)
+        table = as_table(values, self.words)
         if table.shape[1] != len(self.edges):
             raise InvalidArgument(f"a case has {len(self.edges)} columns, got {table.shape[1]}")
         return np.stack([self.outcome(action, table[:, list(own)]) for action, own in enumerate(self.columns)], axis=1)
@@ -69,14 +73,19 @@ class OutcomeCode(FrozenArrays):
             found = np.where(place[at] == codes, at, len(place))
         return np.where(np.isnan(values).any(axis=1), MISSING, found)
 
+    def told(self, action: int, values: Any) -> int:
+        """The outcome of one action from a value, a number or a word, or from the values of its columns."""
+        words = [self.words[c] for c in self.columns[action]] if self.words else []
+        return int(self.outcome(action, as_table(np.atleast_1d(np.asarray(values, object))[None], words))[0])
+
     @classmethod
     def of(
         cls, values: ArrayLike, groups: Sequence[Sequence[int]] | None = None, num_bins: int | None = None
     ) -> OutcomeCode:
-        """A code for columns of numbers ``(n, C)``: each value its own outcome, or bins where there are many values.
+        """A code for columns ``(n, C)``: each value or word its own outcome, or bins where there are many values.
 
         Args:
-            values: of cases; NaN where missing.
+            values: of cases, numbers or words; NaN, None or an empty word where missing.
             groups: columns of each action; by default each column is an action.
             num_bins: most outcomes of a column; by default 4 to 16, by the number of cases. The columns of an action
                 with several have two each.
@@ -84,8 +93,11 @@ class OutcomeCode(FrozenArrays):
         >>> code = OutcomeCode.of([[0.0, 1.5], [1.0, 2.5], [1.0, np.nan]])
         >>> code.outcomes([[1.0, 2.4], [0.0, np.nan]]).tolist()
         [[1, 1], [0, -1]]
+        >>> OutcomeCode.of([["yes", 7], ["no", 9], ["", 9]]).outcomes([["yes", 9]]).tolist()
+        [[1, 1]]
         """
-        table = as_table(values)
+        words = _words(values)
+        table = as_table(values, words)
         columns = tuple((c,) for c in range(table.shape[1])) if groups is None else tuple(map(tuple, groups))
         if not columns or not all(own and set(own) <= set(range(table.shape[1])) for own in columns):
             raise InvalidArgument(
@@ -93,7 +105,10 @@ class OutcomeCode(FrozenArrays):
             )
         most = int(np.clip(round(_BINS * len(table) ** (1 / 3)), 4, 16)) if num_bins is None else num_bins
         size = {c: most if len(own) == 1 else 2 for own in columns for c in own}
-        edges = tuple(_edges(table[:, c], size.get(c, most)) for c in range(table.shape[1]))
+        edges = tuple(
+            np.arange(0.5, len(known) - 1) if known else _edges(table[:, c], size.get(c, most))
+            for c, known in enumerate(words or [()] * table.shape[1])
+        )
         joint, largest = [], 1
         for own in columns:
             codes = np.empty(0, np.int64)
@@ -104,7 +119,7 @@ class OutcomeCode(FrozenArrays):
                 codes = np.sort(found[np.argsort(-counts, kind="stable")[: _MOST_JOINT - 1]])
             joint.append(codes)
             largest = max(largest, len(codes) + 1 if len(own) > 1 else len(edges[own[0]]) + 1)
-        return cls(columns, edges, tuple(joint), largest)
+        return cls(columns, edges, tuple(joint), largest, words)
 
     def sizes(self) -> NDArray[np.int64]:
         """Number of outcomes of each action, ``(P,)``."""
@@ -334,20 +349,62 @@ def _sharpness(
     return float(_SHARPNESS[int(np.argmin(losses))])
 
 
-def as_table(values: ArrayLike) -> Floats:
-    """Cases ``(n, C)`` as floats; NaN and None are missing."""
+def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = ()) -> Floats:
+    """Cases ``(n, C)`` as floats, words by their place among those of their column; NaN, None and "" are missing."""
     cells = unmasked(values, "cases")
     if cells.dtype.kind in "OSU" and cells.ndim == 2:  # of a spreadsheet
-        for (i, column), cell in np.ndenumerate(cells := np.asarray(values, object)):
-            if cell is not None and not isinstance(cell, Real):
+        cells, found = np.asarray(values, object), np.full(cells.shape, np.nan)
+        places = [{word: place for place, word in enumerate(known)} for known in words] or [{}] * cells.shape[1]
+        for (i, column), cell in np.ndenumerate(cells):
+            if _is_missing(cell):
+                continue
+            known, number = places[column] if column < len(places) else {}, _number(cell)
+            if known and str(cell).strip() not in known:
                 raise InvalidArgument(
-                    f"row {i}, column {column} of cases is {cell!r:.40}, no number; missing values are NaN"
+                    f"row {i}, column {column} of cases is {cell!r:.40}, which no case had: {few(list(known))}"
                 )
-        cells = cells.astype(np.float64)
+            if not known and number is None:
+                raise InvalidArgument(
+                    f"row {i}, column {column} of cases is {cell!r:.40}, no number; missing values are "
+                    "NaN, and a column of words has no numbers"
+                )
+            found[i, column] = known[str(cell).strip()] if known else number
+        cells = found
     table = np.asarray(as_real(cells, "cases"), np.float64)
     if table.ndim != 2 or np.isinf(table).any():
         raise InvalidArgument(f"cases must be finite numbers (n, C), NaN where missing, got shape {table.shape}")
     return table
+
+
+def _words(values: ArrayLike) -> tuple[tuple[str, ...], ...]:
+    """The words of each column that has any, in their order; empty for columns of numbers, or where all are these."""
+    cells = unmasked(values, "cases")
+    if cells.dtype.kind not in "OSU" or cells.ndim != 2:
+        return ()
+    found = []
+    for index, column in enumerate(np.asarray(values, object).T):
+        known = [cell for cell in column.tolist() if not _is_missing(cell)]
+        is_words = bool(known) and all(isinstance(cell, str) and _number(cell) is None for cell in known)
+        words = sorted({cell.strip() for cell in known}) if is_words else []
+        if len(words) > _MOST_WORDS:
+            raise InvalidArgument(
+                f"column {index} of cases has {len(words)} different words, such as {few(words)}; more than "
+                f"{_MOST_WORDS} tell nothing in common: leave the column out, or join some"
+            )
+        found.append(tuple(words))
+    return tuple(found)
+
+
+def _is_missing(cell: Any) -> bool:
+    return cell is None or (isinstance(cell, float) and cell != cell) or str(cell).strip() in ("", "<NA>", "NaT")
+
+
+def _number(cell: Any) -> float | None:
+    """A cell as a number; None for a word, and for what is neither."""
+    try:
+        return float(cell) if isinstance(cell, str | Real) else None
+    except ValueError:
+        return None
 
 
 def _joined(bins: Sequence[NDArray[np.int64]], sizes: Sequence[int]) -> NDArray[np.int64]:

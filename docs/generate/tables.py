@@ -75,8 +75,8 @@ def robustness(page: str) -> str:
     for name in SHOWN:
         cells = []
         for scene in DOUBTING:
-            described, doubting = (read_record(f"robustness/{kind}{scene}") for kind in ("", "default_"))
-            cells += [_stops(described["conditions"].get(name)), _guarded_stops(doubting["conditions"].get(name))]
+            described, doubting = (read_record(f"robustness/{kind}{scene}")["conditions"] for kind in ("", "default_"))
+            cells += [_stops(described.get(name))] * (scene == "coarse") + [_guarded_stops(doubting.get(name))]
         rows.append(_row(name, *cells))
     return _with_rows(page, "## What is stated", rows)
 

@@ -244,6 +244,8 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
     import joblib
 
     ending = {"initializer": _begin_worker, "initargs": (os.getpid(),)}
+    # A worker that was idle for long ends, and another one begins: nothing that a user has to know.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     with joblib.parallel_config("loky", inner_max_num_threads=1, **ending):
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
     with block_interrupt():

@@ -22,6 +22,7 @@ import tyro
 from activetouch import RecordedSensor, TactileSensor
 from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
+from activetouch.pad_file import PadDescription, read_pad
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
 from belief.composition import Counts
 from belief.constraints import NotNegative, Probability
@@ -55,11 +56,11 @@ class BadLine(InvalidArgument):
 class Conversation:
     """Answers the requests of one session of a sensor."""
 
-    tells: Set[str] = {"image", "logits", "features", "missed", "pose", "force", "area", "step", "done"}
+    tells: Set[str] = {"image", "readings", "logits", "features", "missed", "pose", "force", "area", "step", "done"}
     """Fields of a tell."""
 
-    def __init__(self, session: Any, sensor: Any) -> None:
-        self.session, self.sensor = session, sensor
+    def __init__(self, session: Any, sensor: Any, pad: PadDescription | None = None) -> None:
+        self.session, self.sensor, self.pad = session, sensor, pad
         self.felt: Any = None  # the image that the last line told
         self._requests: Mapping[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], set[str]]] = {
             "hello": (self._hello, set()),
@@ -111,6 +112,7 @@ class Conversation:
             "composition": problem_fields(session.problem)["composition"],
             "touch_limit": session.problem.touch_limit,
             "image": {"shape": shape, "dtype": dtype},
+            **({} if self.pad is None else {"readings": len(self.pad.taxels)}),
         }
 
     def _ask(self, given: dict[str, Any]) -> dict[str, Any]:
@@ -119,7 +121,8 @@ class Conversation:
             return {"action": None, "outcome": str(session.outcome), "object": session.object_index}
         found: dict[str, Any] = {"object": session.object_index}
         if not isinstance(action, Probe):
-            return {**found, "action": ACTION_NAMES[type(action)]}
+            why = {} if (reason := session.reason) is None else {"why": reason}
+            return {**found, "action": ACTION_NAMES[type(action)], **why}
         found |= {"action": "touch", "pose": session.problem.pose_labels[action.pose]}
         if not isinstance(self.sensor, RecordedSensor):
             scene = self.sensor.scene
@@ -127,13 +130,17 @@ class Conversation:
             found["aim"] = scene.aim_offsets[action.pose].tolist()
         return found
 
-    _kinds = '"image", "logits" with or without "features", "missed": true and "done": true'
+    _kinds = (
+        '"image", "readings" (of the taxels of a --pad), "logits" with or without "features", "missed" and "done": true'
+    )
 
     def _tell(self, given: dict[str, Any]) -> dict[str, Any]:
         if given.get("step") is None:
             raise BadLine("a tell needs the step that it answers, as ask gave it, so that none counts twice")
         told = {name: given[name] for name in _DETAILS if given.get(name) is not None}
-        kinds = [name for name in ("image", "logits", "missed", "done") if given.get(name) not in (None, False)]
+        kinds = [
+            name for name in ("image", "readings", "logits", "missed", "done") if given.get(name) not in (None, False)
+        ]
         if "features" in given and "logits" not in kinds:
             kinds.append("features")
         if len(kinds) != 1 or ("missed" in kinds and given["missed"] is not True):
@@ -147,6 +154,10 @@ class Conversation:
             told["missed"] = True
         elif kinds[0] == "image":
             told["image"] = _numbers(given["image"], "image")
+        elif kinds[0] == "readings":
+            if self.pad is None:
+                raise BadLine('"readings" are of the taxels of a pad: start with --pad FILE.toml, or tell an "image"')
+            told["image"] = self.pad.image(_numbers(given["readings"], "readings"))
         else:
             told["touch"] = self._touch(given, told.get("pose"))
         self.session.tell(**told)
@@ -445,7 +456,8 @@ class Live:
             )
         except OtherModel as error:
             raise OtherModel(f"{error} (was it begun with --unknown-state, another hand, or other meshes?)") from None
-        return Conversation(session, sensor)
+        pad = None if self.choice.pad is None else read_pad(self.choice.pad)
+        return Conversation(session, sensor, pad)
 
     def _opinion(self, sensor: TactileSensor | RecordedSensor, composition: str | Counts | None) -> Floats | None:
         """Probabilities of the shapes of each object, if there are any."""

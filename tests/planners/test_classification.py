@@ -286,14 +286,47 @@ def test_a_case_prints_its_classes_and_its_cost(task):
 
 def test_a_table_as_of_a_spreadsheet_names_the_cell_that_is_no_number():
     assert OutcomeCode.of([[0.0], [1.0]]).outcomes([[1], [None], [np.float32(0.0)]]).tolist() == [[1], [-1], [0]]
-    for cell in ("", "x", "1.5"):
+    for cell in ("x", 1j):
         for cells in ([[1.0, 2.0], [1.5, cell]], np.array([[None, 2.0], [1.5, cell]], object)):
-            with pytest.raises(
-                ValueError, match=f"row 1, column 1 of cases is '{cell}', no number; missing values are"
-            ):
-                OutcomeCode.of(cells)
-    with pytest.raises(ValueError, match="row 0, column 0 of cases is '1'"):
-        OutcomeCode.of(np.array([["1", "2"]]))
+            with pytest.raises(ValueError, match=r"row 1, column 1 of cases is .*, no number; missing values are"):
+                OutcomeCode.of(np.array(cells, object))
+
+
+def test_columns_of_words_are_outcomes_and_numbers_in_quotes_are_numbers():
+    rows = [["yes", "31", ""], ["no", " 7 ", "b"], ["yes", "31.0", None], [" no", "", "a"]]
+    code = OutcomeCode.of(rows)
+    assert code.words == (("no", "yes"), (), ("a", "b"))
+    assert code.outcomes(rows).tolist() == [[1, 1, -1], [0, 0, 1], [1, 1, -1], [0, -1, 0]]
+    assert (code.told(0, "yes"), code.told(1, 31), code.told(1, "7"), code.told(2, " a"), code.told(2, "")) == (
+        *(1, 1, 0, 0),
+        -1,
+    )
+    with pytest.raises(ValueError, match="'maybe', which no case had: no, yes"):
+        code.told(0, "maybe")
+    many = [[f"patient {number}"] for number in range(65)]
+    with pytest.raises(ValueError, match="65 different words"):
+        OutcomeCode.of(many)
+    paired = OutcomeCode.of(rows, [(0, 2), (1,)])
+    assert paired.outcomes([["yes", 7, "b"]]).shape == (1, 2)
+
+
+def test_a_task_of_cases_in_words_takes_its_names_and_is_told_words():
+    class Frame(list):
+        """As a data frame of pandas is seen: rows, and names of columns."""
+
+        columns = ("fever", "age")
+
+    rng = np.random.default_rng(0)
+    ill = rng.random(200) < 0.5
+    rows = [["yes" if rng.random() < (0.9 if one else 0.1) else "no", str(30 + one)] for one in ill]
+    labels = np.where(ill, "ill", "well")
+    task = ActiveClassification.from_cases(Frame(rows), labels)
+    assert tuple(task.actions) == ("fever", "age")
+    case = task.start()
+    case.tell("31", "age")
+    assert case.answer == "ill"
+    with pytest.raises(ValueError, match="label of case 1 is missing"):
+        ActiveClassification.from_cases(rows[:3], ["ill", None, "well"])
 
 
 def test_classes_that_differ_in_spaces_and_actions_without_a_value_are_warned_of():

@@ -7,11 +7,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from activetouch import RecordedSensor, TactileSensor, TouchWorld
+from activetouch import PadDescription, RecordedSensor, TactileSensor, Taxels, TouchWorld
 from activetouch.errors import BadRecording
 from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import HypothesisTable, TactileReader
@@ -214,6 +215,29 @@ def test_a_sensor_in_an_unknown_state_tells_what_may_be_the_matter(few_hypothese
     assert repr(session).startswith("Session(step 0, object 0, Belief(")
     session.tell(missed=True)
     assert asked(Conversation(session, inferring), do="undo", step=None)["undone"] == "miss"
+
+
+def test_readings_of_a_described_pad_are_told_as_they_come():
+    pad = PadDescription(Taxels.grid(4, 4, 0.005), is_relative=True)
+    talk, other = Conversation(sensor().session("cone", "information_gain", 7), sensor(), pad), conversation()
+    assert asked(talk, do="hello")["readings"] == 16
+    assert "readings" not in asked(other, do="hello")
+    assert asked(other, do="tell", step=0, readings=[1] * 16)["message"].startswith(
+        '"readings" are of the taxels of a pad'
+    )
+    assert "of 16 taxels" in asked(talk, do="tell", step=0, readings=[1, 2])["message"]
+    told = list[Any]()
+    talk.session.tell = lambda **given: told.append(given)
+    asked(talk, do="tell", step=0, readings=list(range(16)))
+    np.testing.assert_array_equal(told[0]["image"], pad.image(np.arange(16)))
+
+
+def test_an_answer_that_is_withheld_has_a_reason():
+    talk = conversation()
+    noise = np.random.default_rng(0)
+    while (question := asked(talk, do="ask"))["action"] == "touch":
+        asked(talk, do="tell", step=question["step"], image=noise.integers(256, size=(4, 4)).tolist())
+    assert (question["action"], question["why"]) == ("unsure", "the touches contradict the observation model")
 
 
 @pytest.mark.parametrize("target", ["cube", "cone"])
