@@ -120,6 +120,8 @@ def open_sensor(
     a progress bar. ``guarded``: where it has both readers, its description and the proportions of built-in solids are
     doubted, in place of the two arguments for that. Errors of a sensor for another scene say how to make a fitting one.
     """
+    if folder is not None and folder.suffix == ".toml" and isinstance(choice, SceneChoice) and choice.pad is None:
+        raise InvalidArgument(f"{folder} describes a pad: give it as --pad {folder}, and leave out --sensor")
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
     chosen = sensor_folder(folder, name, choice.pad if isinstance(choice, SceneChoice) else None)
     require_simulated(chosen)

@@ -250,6 +250,11 @@ def test_a_guarded_sensor_doubts_what_it_can():
         assert not isinstance(open_sensor(None, other, guarded=True).model, DoubtedSensorModel | VariedBodyModel)
 
 
+def test_a_described_pad_in_place_of_a_sensor_is_named_with_the_option_that_takes_it():
+    with pytest.raises(InvalidArgument, match=r"give it as --pad mine\.toml"):
+        open_sensor(Path("mine.toml"), SceneChoice("coarse"))
+
+
 def test_all_doubts_are_asked_for_unless_some_are_or_none():
     asked = {"unknown_state": False, "other_proportions": False, "guarded": True}
     assert doubts(False, False, False, False) == asked
