@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
-from activetouch.fetched_models import FOLDER, model_file
 from activetouch.perception.card import read_card
 from activetouch.perception.imaging import Imaging, differs_from_training, fields_read
 from activetouch.scene import Scene, require_no_hand
@@ -19,7 +18,7 @@ from belief.files import require_regular_file
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import read_observation_model, read_origin
 
-MODELS = FOLDER
+MODELS = Path(__file__).parent / "models"
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know
 PAD_FILE = "pad.toml"  # description of the pad that a reader of any object was trained for
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
@@ -109,7 +108,7 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
     ``independent`` given the shape: then the reader of the own objects reads them in any state of the sensor.
     """
     require_simulated(folder)
-    own, other = model_file(folder / READER_FILE), folder / ANY_OBJECT_FILE
+    own, other = shipped_file(folder / READER_FILE), folder / ANY_OBJECT_FILE
     if unknown_state:
         if scene.hand is not None:
             raise InvalidArgument("no state of the sensor is inferred with a hand; leave out --unknown-state or --hand")
@@ -132,6 +131,15 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in own_objects):
         return _joint(other, independent)
     return other if not independent and differs_from_training(read_card(other).imaging, scene) else own
+
+
+def shipped_file(path: Path) -> Path:
+    """The file itself, or its copy in the cache if it is a shipped one that this installation lacks."""
+    if path.exists():
+        return path
+    from activetouch.fetched_models import model_file  # what has all files does not need it
+
+    return model_file(path)
 
 
 def doubting_file(folder: Path, own: Path, scene: Scene, independent: bool = False) -> Path:

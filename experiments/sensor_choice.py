@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
-from activetouch.fetched_models import model_file
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.rendering import PressureRenderer
@@ -31,6 +30,7 @@ from activetouch.sensor_files import (
     observation_file,
     other_reader,
     require_simulated,
+    shipped_file,
 )
 from activetouch.solids.solid import Shape
 from belief.errors import ActiveTouchError, InvalidArgument
@@ -125,7 +125,7 @@ def open_sensor(
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
     chosen = sensor_folder(folder, name, choice.pad if isinstance(choice, SceneChoice) else None)
     require_simulated(chosen)
-    for path in (model_file(chosen / READER_FILE), observation_file(chosen, independent)):
+    for path in (shipped_file(chosen / READER_FILE), observation_file(chosen, independent)):
         if not (path.is_file() or (chosen / ANY_OBJECT_FILE).is_file()):
             where = f"{chosen} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {name}; name one with --sensor"

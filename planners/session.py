@@ -36,7 +36,6 @@ from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneView
 from belief.search_progress import Outcome, SearchProgress
-from planners.abstaining import REASONS
 from planners.decider import Decider, Decision, InformationState, checked_decision
 from planners.episode import MOVED, Episode, Step
 from planners.session_log import (
@@ -162,6 +161,8 @@ class Session(AskAndTell[Told]):
         """Why "I do not know" is asked for, in words; None where something else is, or the decider does not say it."""
         if self._asked is None or not isinstance(self._asked.action, Unsure):
             return None
+        from planners.abstaining import REASONS  # most sessions end with an answer
+
         return next((words for name, words in REASONS.items() if self._asked.scores.get(name)), None)
 
     def tell(

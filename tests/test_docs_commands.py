@@ -205,6 +205,7 @@ OF_OTHERS = (
     "VecNormalize",
     "AutoresetMode",
     "reset_mask",
+    "ACTIVETOUCH_MODELS",
 )
 COLUMNS = {"success_low"}  # made of two words
 FOLDERS = ("activetouch", "belief", "planners", "experiments", "examples")

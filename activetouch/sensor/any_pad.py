@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from activetouch.errors import SceneShift
-from activetouch.fetched_models import model_file
 from activetouch.pad_file import PadDescription, read_pad
 from activetouch.perception.cached_arrays import cache_folder
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
@@ -21,7 +20,7 @@ from activetouch.perception.described_pads import responses_beyond
 from activetouch.perception.imaging import imaging_of_pad
 from activetouch.perception.reader import TactileReader
 from activetouch.scene_description import scene_fields
-from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, PAD_FILE
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, PAD_FILE, shipped_file
 
 READER = MODELS / "any_pad.safetensors"
 """The shipped reader."""
@@ -36,7 +35,7 @@ def reader_of_pad(pad: PadDescription) -> TactileReader:
             SceneShift,
             stacklevel=2,
         )
-    reader, imaging = TactileReader.load(model_file(READER)), imaging_of_pad(pad)
+    reader, imaging = TactileReader.load(shipped_file(READER)), imaging_of_pad(pad)
     assert isinstance(reader.hypotheses, ContactHypotheses), "it reads any object"
     card = replace(reader.card, scene=scene_fields(pad.scene()), imaging=imaging.fields())
     return replace(reader, card=card, hypotheses=replace(reader.hypotheses, imaging=imaging))
