@@ -59,7 +59,7 @@ class ActiveClassification(FrozenArrays):
         model: p(outcome | action, class, context).
         actions: names of the P actions; "0", "1", … by default.
         prior: probabilities of the K classes; equal by default.
-        costs: of the actions, ``(P,)``, above zero; all 1 by default.
+        costs: of the actions, ``(P,)`` or by name, above zero; all 1 by default.
         stop: probability of a class at which it is named; several are for 0, 1, 2, … actions, the last one for more.
             Infinite for never.
         max_actions: number of actions of a case at which the likeliest class is named; by default all, once each.
@@ -91,7 +91,14 @@ class ActiveClassification(FrozenArrays):
         number, labels = self.model.num_poses, self.model.shape_labels
         names = checked_names("actions", self.actions or tuple(map(str, range(number))))
         prior = normalise_probs(np.full(len(labels), 1.0 / len(labels)) if self.prior is None else self.prior, "prior")
-        costs = np.ones(number) if self.costs is None else np.asarray(as_real(self.costs, "costs"), np.float64)
+        given: Any = self.costs
+        if isinstance(given, Mapping):
+            if set(given) != set(names):
+                raise InvalidArgument(
+                    f"costs by name are of the actions {few(names)}, got {few(list(map(str, given)))}"
+                )
+            given = [given[name] for name in names]
+        costs = np.ones(number) if given is None else np.asarray(as_real(given, "costs"), np.float64)
         if len(names) != number or costs.shape != (number,):
             raise InvalidArgument(f"{number} actions need as many names and costs, got {len(names)} and {costs.shape}")
         if wrong := [f"{n!r} costs {c:g}" for n, c in zip(names, costs, strict=True) if not 0 < c < np.inf]:

@@ -78,6 +78,8 @@ def _touches_of_table(
 
 def read_csv(folder: Path, factors: Sequence[str] = ()) -> Read:
     """The touches of a CSV file, or of all of a folder; BadRecording names the file and the line that is none."""
+    if folder.suffix == ".npz":
+        raise BadRecording(f"{folder} is no CSV file: add --format npz")
     paths, others = [folder], list[str]()
     if not folder.is_file():
         require_folder(folder, "one or more .csv files, with the columns object, action, session and features")

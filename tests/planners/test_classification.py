@@ -337,3 +337,11 @@ def test_classes_that_differ_in_spaces_and_actions_without_a_value_are_warned_of
     assert task.start().ask() in ("blood", "skin")
     with pytest.warns(UserWarning, match="the classes 'Flu ' and 'flu' differ in spaces or case only"):
         ActiveClassification.from_cases(rows, np.array(["Flu ", "flu"])[y], num_contexts=1)
+
+
+def test_costs_may_be_given_by_the_names_of_actions():
+    probs = np.array([[[0.9, 0.1], [0.2, 0.8]], [[0.6, 0.4], [0.5, 0.5]]])
+    task = ActiveClassification.from_probs(probs, ("ill", "well"), ("blood", "scan"), costs={"scan": 5.0, "blood": 1.0})
+    assert task.costs.tolist() == [1.0, 5.0]
+    with pytest.raises(ValueError, match="costs by name are of the actions blood, scan, got scan"):
+        ActiveClassification.from_probs(probs, ("ill", "well"), ("blood", "scan"), costs={"scan": 5.0})

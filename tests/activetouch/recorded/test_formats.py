@@ -226,3 +226,17 @@ def test_an_npz_without_objects_says_what_it_has_and_what_is_needed(tmp_path):
     np.savez(tmp_path / "a.npz", X=np.ones((2, 1)), y=np.ones(2))
     with pytest.raises(BadRecording, match=r"no array 'features'; it has X, y\. Touches are features"):
         read_recorded(tmp_path, "npz")
+
+
+def test_a_single_csv_file_is_read_and_an_archive_in_its_place_is_named(tmp_path):
+    write_csv(tmp_path, "object,x\nmug,5\ncup,6\n")
+    [path] = tmp_path.glob("*.csv")
+    (tmp_path / "notes.txt").write_text("not read")
+    found, notes = read_recorded(path, "csv")
+    assert (len(found.features), any("notes.txt" in note for note in notes)) == (2, False)
+    np.savez(tmp_path / "a.npz", x=np.ones(3))
+    with pytest.raises(BadRecording, match="add --format npz"):
+        read_recorded(tmp_path / "a.npz", "csv")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadRecording, match="header such as object,action,session"):
+        read_recorded(tmp_path / "empty", "csv")
