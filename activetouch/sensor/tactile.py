@@ -421,6 +421,29 @@ class TactileSensor:
         reader = self.image_reader
         return Session(problem, player, shape, self.model, key, reader=reader, **settings).begun(log)
 
+    def naming(
+        self,
+        decider: str | Decider = "shape_information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        log: str | Path | None = None,
+        **rules: Any,
+    ) -> Session:
+        """A session that says which object it is: touches that a robot makes, until one shape is probable enough.
+
+        After the last action, :attr:`Session.answer` and :attr:`Session.stated` are the name and its probability.
+
+        Args:
+            decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
+            seed: of the decider.
+            log: as of :meth:`session`.
+            rules: ``threshold``, ``max_touches``, ``unlisted``, ``opinion`` and others of
+                :func:`planners.search.naming_session`.
+        """
+        from activetouch.sensor.searching import naming_of
+
+        return naming_of(self, decider, seed, log, rules)
+
     @property
     def image_reader(self) -> SensorReader:
         """The reader of the images that a session receives."""
