@@ -108,7 +108,8 @@ class PadDescription:
         """The image that a sensor of this pad reads, from the readings of its taxels.
 
         Args:
-            readings: ``(..., N)`` in [0, 1], where 1 is full scale; or in any unit, if the pad ``is_relative``.
+            readings: ``(..., N)``, or ``(..., rows, columns)`` of a full grid, in [0, 1], where 1 is full scale; or in
+                any unit, if the pad ``is_relative``.
 
         Returns:
             ``(..., m, m)``.
@@ -116,10 +117,15 @@ class PadDescription:
         Raises:
             InvalidArgument: another number of taxels, or readings that are negative, not finite, or above 1.
         """
-        given = np.asarray(readings, np.float64)
-        if given.shape[-1:] != (len(self.taxels),) or not np.isfinite(given).all() or (given < 0.0).any():
-            number = len(self.taxels)
-            raise InvalidArgument(f"readings must be finite numbers ≥ 0 of {number} taxels, got {given.shape}")
+        given, number = np.asarray(readings, np.float64), len(self.taxels)
+        if given.ndim >= 2 and given.shape[-1] != number == given.shape[-2] * given.shape[-1]:
+            given = given.reshape(*given.shape[:-2], number)
+        if given.shape[-1:] != (number,) or not np.isfinite(given).all():
+            raise InvalidArgument(f"readings must be finite numbers of {number} taxels, got {given.shape}")
+        if (given < 0.0).any():
+            raise InvalidArgument(
+                f"readings must be ≥ 0, got {given.min():g}: subtract those at rest, and set what is below to 0"
+            )
         given = np.where(np.isin(np.arange(len(self.taxels)), self.dead), 0.0, given)
         if self.is_relative:
             largest = given.max(axis=-1, keepdims=True)

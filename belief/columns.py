@@ -96,6 +96,7 @@ def read_columns(
                 except ValueError:
                     advice = "" if any(map(str.isdigit, cells[i])) else hint.format(header[i])
                     advice = " (decimals have a point)" if "," in cells[i] else advice
+                    advice = advice if cells[i].strip() else " (an empty cell: leave the line out, or fill it)"
                     raise error(
                         f"line {number} of {path}: the column {header[i]!r} is {cells[i][:40]!r}, no number{advice}"
                     ) from None

@@ -18,6 +18,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Number
 from typing import Annotated, Any
 
 import numpy as np
@@ -109,6 +110,10 @@ class ActiveClassification(FrozenArrays):
         if not stops or not all(0.0 < one <= 1.0 or one == np.inf for one in stops):
             hint = f" ({stops[0] / 100:g}?)" if stops and 1.0 < stops[0] <= 100.0 else ""
             raise InvalidArgument(f"stop must be in (0, 1], or infinite for never, got {self.stop!r}{hint}")
+        if self.certificate is not None and stops != _promised(self.certificate):
+            raise InvalidArgument(
+                "the certificate is of other stops: leave it out (certificate=None), and certify the task anew"
+            )
         for name, value in (("actions", names), ("prior", prior), ("costs", costs), ("stop", stops)):
             object.__setattr__(self, name, value)
         self.freeze()
@@ -214,7 +219,7 @@ class ActiveClassification(FrozenArrays):
         rng, every = np.random.default_rng(seed), range(self.model.num_poses)
         truth = rng.choice(len(self.classes), num_cases, p=self.prior)
         cases = [[_outcome(touch) for touch in self.model.sample(int(k), every, rng)] for k in truth]
-        whole = replace(self, stop=np.inf, error_cost=None, code=None)
+        whole = replace(self, stop=np.inf, error_cost=None, code=None, certificate=None)
         played = whole.evaluate(np.array(cases), truth, ("adaptive",)).answers["adaptive"]
         lengths = np.array([len(one.actions) for one in played])
         steps, rows = np.arange(lengths.max() + 1), np.arange(num_cases)
@@ -227,7 +232,7 @@ class ActiveClassification(FrozenArrays):
             over = (stated >= stops) | (steps >= lengths[:, None])
             at = over.argmax(axis=1)
             costs[tuple(stops.tolist())] = float((spent + error_cost * (1.0 - stated))[rows, at].mean())
-        return replace(self, stop=min(costs, key=lambda stops: costs[stops]))
+        return replace(self, stop=min(costs, key=lambda stops: costs[stops]), certificate=None)
 
     @property
     def limit(self) -> int:
@@ -251,7 +256,7 @@ class ActiveClassification(FrozenArrays):
     def evaluate(
         self, cases: ArrayLike, labels: Sequence[Name] | NDArray[Any], rules: Sequence[str] = ("adaptive", "random")
     ) -> Evaluation:
-        """Classify cases of known class, each by every rule; what is missing cannot be asked.
+        """Classify cases of known class, each by every rule; what is missing cannot be asked, nor anything twice.
 
         Args:
             cases: as of :meth:`from_cases`, or outcomes ``(n, P)`` where the task has no table.
@@ -266,7 +271,7 @@ class ActiveClassification(FrozenArrays):
             raise InvalidArgument(f"{len(outcomes)} cases need as many labels, got {len(truth)}")
         found = {}
         for rule in rules:
-            decider = self._decider(rule)
+            decider = self._decider(rule, is_once=True)
             alike = _AlikeCases() if rule != "random" else None
             found[rule] = tuple(
                 self._played(row, int(label), decider, number, alike)
@@ -290,7 +295,7 @@ class ActiveClassification(FrozenArrays):
         Returns:
             The task with these stops; its ``certificate`` prints as a table.
         """
-        whole = replace(self, stop=np.inf)
+        whole = replace(self, stop=np.inf, certificate=None)
         played = whole.evaluate(cases, labels, ("adaptive",)).answers["adaptive"]
         order = np.random.default_rng(0).permutation(len(played)).tolist()  # which says nothing about the cases
         rows = [(number, step, probs) for number, i in enumerate(order) for step, probs in enumerate(played[i].probs)]
@@ -300,8 +305,7 @@ class ActiveClassification(FrozenArrays):
         wrong = table.argmax(axis=1) != truth[searches]
         candidates = CandidateStops(searches, steps, np.minimum(table.max(axis=1), 1.0), wrong, len(played))
         thresholds = certified_thresholds(candidates, risk, confidence)
-        stops = tuple(one if one > 0.0 else _ANY for one in thresholds.thresholds)
-        return replace(self, stop=stops, certificate=thresholds)
+        return replace(self, stop=_promised(thresholds), certificate=thresholds)
 
     def _session(self, decider: Decider, seed: int | Sequence[int]) -> Session:
         number = self.model.num_poses
@@ -313,15 +317,15 @@ class ActiveClassification(FrozenArrays):
         prior = Belief.from_probs(self.classes, self.prior)
         return Session(problem, decider, 0, self.model, seed, abstain=False, prior=prior)
 
-    def _decider(self, rule: str) -> Decider:
+    def _decider(self, rule: str, is_once: bool = False) -> Decider:
         if rule not in RULES:
             raise InvalidArgument(f"a rule is one of {', '.join(RULES)}, got {rule!r}")
         if rule != "adaptive":
             order = RandomOrder() if rule == "random" else FixedOrder()
-            return _Rule(self, order, order)
+            return _Rule(self, order, order, is_once)
         table = self.model.outcome_table()
         last, selector = (ShapeInformationGain(table, depth=depth, costs=self.costs) for depth in (1, self.depth))
-        return _Rule(self, selector, last, {})
+        return _Rule(self, selector, last, is_once, {})
 
     def _played(
         self, row: Sequence[int], truth: int, decider: Decider, number: int, alike: _AlikeCases | None
@@ -395,9 +399,18 @@ class Case(Tabular):
         if outcome is None or (isinstance(outcome, float) and np.isnan(outcome)):
             self.tell_outcome(MISSING, pose)
         elif self._task.code is None:
-            self.tell_outcome(int(outcome), pose)
+            self.tell_outcome(self._checked(outcome, pose), pose)
         else:
             self.tell_outcome(self._task.code.told(pose, outcome), pose)
+
+    def _checked(self, outcome: Any, pose: int) -> int:
+        """An index that is an outcome of the action."""
+        possible: list[Any] = np.flatnonzero((self._task.model.probs[pose] > 0.0).any(axis=(0, 1))).tolist()
+        if not isinstance(outcome, Number) or outcome not in possible:
+            raise InvalidArgument(
+                f"{self._task.actions[pose]!r} has the outcomes {few(tuple(map(str, possible)))}, got {outcome!r:.40}"
+            )
+        return int(possible[possible.index(outcome)])
 
     def tell_outcome(self, outcome: int, action: int | None = None) -> None:
         """As :meth:`tell`, by the index of the outcome, -1 where it is missing, and of the action."""
@@ -483,7 +496,7 @@ class _AlikeCases:
         self._steps[told] = answer
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(Tabular):
     """How cases were classified by some rules; prints as a table.
 
@@ -494,6 +507,9 @@ class Evaluation(Tabular):
 
     task: ActiveClassification
     answers: Mapping[str, tuple[Answer, ...]]
+
+    def __repr__(self) -> str:
+        return one_line(type(self), *(f"{rule}: {len(found)} cases" for rule, found in self.answers.items()))
 
     def table(self) -> Table:
         """For each rule: right answers, what was stated, actions and their cost, "with errors" that of errors too."""
@@ -536,6 +552,7 @@ class _Rule:
     task: ActiveClassification
     selector: ProbeSelector
     last: ProbeSelector  # for the last action of a case
+    is_once: bool  # whether an action can be taken once only: a case that is read has one outcome of each
     known: dict[Any, Decision] | None = field(default=None, repr=False)  # of selectors without a random part
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
@@ -543,7 +560,7 @@ class _Rule:
         task, taken = self.task, _taken(info.history)
         assert task.costs is not None, "set at construction"
         stated, limit = float(info.probs.max()), task.limit
-        may_take = (info.uses == 0) | task.model.is_repeatable
+        may_take = (info.uses == 0) | (task.model.is_repeatable and not self.is_once)
         if task.budget is not None:
             may_take &= task.costs + task.costs[list(taken)].sum() <= task.budget * (1.0 + 1e-12)
         is_over = stated >= _limit(task.stop, len(taken)) or len(taken) >= limit or not may_take.any()
@@ -574,6 +591,11 @@ class _Rule:
                 self.known.clear()
             self.known[key] = selector.choose(info, rng)
         return self.known[key]
+
+
+def _promised(certificate: CertifiedThresholds) -> tuple[float, ...]:
+    """The stops that a certificate is of."""
+    return tuple(one if one > 0.0 else _ANY for one in certificate.thresholds)
 
 
 def _limit(stops: Any, number: int) -> float:

@@ -18,7 +18,7 @@ from belief.composition import Composition
 from belief.errors import BrokenContract, InvalidArgument
 from belief.naming import UNLISTED, Name, index_of
 from belief.observation_model.model import ObservationModel
-from belief.problem import Probe, SearchProblem, Touch, Unsure
+from belief.problem import Confirm, Probe, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneBelief
 from belief.seeding import checked_key, touch_rng
 from belief.validation import Floats
@@ -213,12 +213,13 @@ def naming_session(
     unlisted: float = 0.0,
     opinion: ArrayLike | None = None,
     until: Callable[[int, Sequence[Touch]], bool] | None = None,
+    abstain: bool = True,
     **settings: Any,
 ) -> Session:
     """A session that touches one object until a label has the probability ``threshold``, and names it.
 
-    Its last action is Unsure, which ends it; then :attr:`Session.answer` and :attr:`Session.stated` are the name and
-    its probability.
+    Its last action is Confirm where the object is named, and Unsure where no label became probable enough, or the
+    touches contradict the model. :attr:`Session.answer` and :attr:`Session.stated` are the name and its probability.
 
     Args:
         decider: a selector of poses, whose target is label 0 and has no meaning; or a decider, which is asked about the
@@ -233,6 +234,7 @@ def naming_session(
         opinion: probabilities of the labels from another source, ``(K,)`` (:attr:`belief.SearchProblem.opinion`).
         until: what else must hold of a label with that probability and its touches before they end, such as that it is
             known how the object lies; it is asked after each touch.
+        abstain: whether nothing is named where touches contradict the model (:mod:`planners.abstaining`).
         settings: as of :class:`Session`.
 
     Raises:
@@ -244,8 +246,9 @@ def naming_session(
     >>> session = naming_session(GivenOrder(("a", "b", "c")), model, ("a", "b", "c"))
     >>> while isinstance(action := session.ask(), Probe):
     ...     session.tell(model.sample(2, [action.pose], rng)[0])
-    >>> session.answer, session.stated > 0.95
-    ('shape_2', True)
+    >>> session.tell()
+    >>> str(session.outcome), session.answer, session.stated > 0.95
+    ('confirmed', 'shape_2', True)
     """
     if threshold is not None and not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
@@ -260,7 +263,7 @@ def naming_session(
         player = SequentialDecider(rule, decider)
     else:
         player = StopOverride(rule, _ForLikeliest(decider), ShapeInformationGain(model.outcome_table()))
-    return Session(problem, player, 0, model, seed, abstain=False, **settings)
+    return Session(problem, _Naming(player, threshold, abstain), 0, model, seed, abstain=False, **settings)
 
 
 def identify(
@@ -294,7 +297,7 @@ def identify(
     (True, True, (0,))
     """
     rules = threshold, max_touches, unlisted, opinion, until
-    session = naming_session(decider, model, pose_labels, seed, *rules)
+    session = naming_session(decider, model, pose_labels, seed, *rules, abstain=False)
     world.reset()
     while (request := _next_request(session, world)) is not None:
         session.tell(world.touch(request.pose, request.rng))
@@ -319,10 +322,28 @@ class _Certain:
 
     def stop(self, info: InformationState) -> Decision | None:
         named, stated = likeliest(info.belief)
-        is_done = len(info.history) >= self.max_touches
-        if not is_done and self.threshold is not None and stated >= self.threshold:
-            is_done = named == UNLISTED or self.until is None or self.until(named, info.history)
-        return Decision(Unsure()) if is_done else None
+        is_probable = self.threshold is not None and stated >= self.threshold
+        if is_probable and (named == UNLISTED or self.until is None or self.until(named, info.history)):
+            return Decision(Confirm())
+        return Decision(Unsure(), {"is_doubtful": 1.0}) if len(info.history) >= self.max_touches else None
+
+
+@dataclass(frozen=True)
+class _Naming:
+    """Asks a decider about the most probable label, and names it, or that it is none, unless that is doubtful."""
+
+    decider: Decider
+    threshold: float | None
+    abstains: bool
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        if not self.abstains or info.belief.unlisted > info.belief.probs.max():
+            return self.decider.decide(info, rng)
+        from planners.abstaining import Abstaining  # searches do not need it
+
+        likely = replace(info, target=int(info.belief.log_probs.argmax()))
+        return Abstaining(self.decider, promise=self.threshold or 0.0).decide(likely, rng)
 
 
 @dataclass(frozen=True)

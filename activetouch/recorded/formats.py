@@ -59,7 +59,7 @@ def _touches_of_table(
     **facts: Any,
 ) -> RecordedTouches:
     """The rows of CSV files, in which columns other than ``words`` are features; ``actions`` are those of the files."""
-    hint = " (leave the column out, or if it is part of the action, give --action {})"
+    hint = " (leave the column out; if it is part of the action, give --action {}; if it is a label, name it category)"
     table = read_columns(paths, words, BadRecording, needed=("object",), is_numeric=True, hint=hint)
     _require_no_typo(table.headings, [word for word in words if word not in table.arrays], source)
     if not len(table.numbers):

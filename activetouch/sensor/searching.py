@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from planners.certified import Certificate
 
 
+STRANGERS = 0.15
+"""Usual prior probability that an object is none of many bodies: at 0.05, strangers were named after few touches."""
+
+
 class Searching(ABC):
     """What all sensors do alike: searches among simulated objects, and sessions of robots (:class:`Sensor`)."""
 
@@ -133,17 +137,19 @@ class Searching(ABC):
     ) -> Session:
         """A session that says which object it is: touches that a robot makes, until one shape is probable enough.
 
-        After the last action, :attr:`Session.answer` and :attr:`Session.stated` are the name and its probability.
+        Its last action is Confirm where the object is named: :attr:`Session.answer` and :attr:`Session.stated` are the
+        name and its probability. It is Unsure where no shape became probable enough, or touches contradict the model.
 
         Args:
             decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
             seed: of the decider.
             log: as of :meth:`session`.
             rules: ``threshold``, ``max_touches``, ``unlisted``, ``opinion`` and others of
-                :func:`planners.search.naming_session`.
+                :func:`planners.search.naming_session`. ``unlisted`` is by default :data:`STRANGERS` among many bodies.
         """
         made = make_decider(decider, self.model.outcome_table(), self.model) if isinstance(decider, str) else decider
-        rules = {"least_area": 0.0, "reader": self.image_reader, **rules}
+        usual = 0.0 if getattr(self.model, "strangers", None) is None else STRANGERS
+        rules = {"least_area": 0.0, "reader": self.image_reader, "unlisted": usual, **rules}
         return naming_session(made, self.model, self.pose_labels, seed, **rules).begun(log)
 
 

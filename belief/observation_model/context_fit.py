@@ -44,6 +44,7 @@ class OutcomeCode(FrozenArrays):
             are one more outcome. Empty for an action with one column.
         most: M, the largest number of outcomes of an action.
         words: for each column of words, these in their order, whose places are its values; empty for one of numbers.
+        names: of the columns, where they were those of a data frame: others are read by them.
     """
 
     columns: tuple[tuple[int, ...], ...]
@@ -51,13 +52,18 @@ class OutcomeCode(FrozenArrays):
     joint: tuple[NDArray[np.int64], ...]
     most: int
     words: tuple[tuple[str, ...], ...] = ()
+    names: tuple[str, ...] = ()
 
     def outcomes(self, values: ArrayLike) -> NDArray[np.int64]:
         """Outcomes ``(n, P)`` of cases ``(n, C)``, -1 where a column of the action is missing (NaN).
 
         Raises:
-            InvalidArgument: another number of columns than was fitted, or a word that no case had.
+            InvalidArgument: another number of columns than was fitted, or another name, or a word that no case had.
         """
+        if self.names and (given := _names(values)):
+            if missing := [name for name in self.names if name not in given]:
+                raise InvalidArgument(f"the cases have no column {few(missing)}; their columns are {few(given)}")
+            values = np.asarray(values)[:, [given.index(name) for name in self.names]]
         table = as_table(values, self.words)
         if table.shape[1] != len(self.edges):
             raise InvalidArgument(f"a case has {len(self.edges)} columns, got {table.shape[1]}")
@@ -119,7 +125,7 @@ class OutcomeCode(FrozenArrays):
                 codes = np.sort(found[np.argsort(-counts, kind="stable")[: _MOST_JOINT - 1]])
             joint.append(codes)
             largest = max(largest, len(codes) + 1 if len(own) > 1 else len(edges[own[0]]) + 1)
-        return cls(columns, edges, tuple(joint), largest, words)
+        return cls(columns, edges, tuple(joint), largest, words, _names(values))
 
     def sizes(self) -> NDArray[np.int64]:
         """Number of outcomes of each action, ``(P,)``."""
@@ -129,6 +135,11 @@ class OutcomeCode(FrozenArrays):
                 for own, codes in zip(self.columns, self.joint, strict=True)
             ]
         )
+
+
+def _names(values: Any) -> tuple[str, ...]:
+    """Names of the columns of a data frame; empty for an array."""
+    return tuple(map(str, getattr(values, "columns", ())))
 
 
 def fit_contexts(

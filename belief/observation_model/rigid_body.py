@@ -46,7 +46,7 @@ from belief.observation_model.model import ArrayModel, Embeds, ObservationModel,
 from belief.observation_model.outcome_mixture import Views, log_means
 from belief.observation_model.outcome_table import OutcomeTable, smoothed, tabulate
 from belief.observation_model.repeat_discount import repeat_shares
-from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
+from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence, innermost
 from belief.problem import Touch
 from belief.validation import Floats, require_count, require_number
 
@@ -353,9 +353,8 @@ class RigidBodyModel(FittedRigidBody):
 
 def joint_model(model: ObservationModel) -> RigidBodyModel | None:
     """The model, or its nominal one, if it is about one rigid body of unknown orientation and size; otherwise None."""
-    while (nominal := getattr(model, "nominal", None)) is not None:
-        model = nominal
-    return model if isinstance(model, RigidBodyModel) else None
+    found = innermost(model)
+    return found if isinstance(found, RigidBodyModel) else None
 
 
 def _in_half(array: Floats) -> Floats:

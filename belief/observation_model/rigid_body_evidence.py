@@ -197,11 +197,17 @@ class RigidBodyEvidence:
         return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_e_value)
 
 
+def innermost(value: Any) -> Any:
+    """What evidence, or a model, says if sensor and bodies are as described: its nominal part, or the value itself."""
+    while (nominal := getattr(value, "nominal", None)) is not None:
+        value = nominal
+    return value
+
+
 def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
     """The evidence, or its nominal one, if it is about one rigid body; otherwise None."""
-    while (nominal := getattr(evidence, "nominal", None)) is not None:
-        evidence = nominal
-    return evidence if isinstance(evidence, RigidBodyEvidence) else None
+    found = innermost(evidence)
+    return found if isinstance(found, RigidBodyEvidence) else None
 
 
 def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:

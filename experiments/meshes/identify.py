@@ -15,6 +15,7 @@ from activetouch import TactileSensor, TouchWorld
 from activetouch.pose_belief import PoseBelief
 from activetouch.poses import WorldObject
 from activetouch.scene import Scene
+from activetouch.sensor.searching import STRANGERS
 from belief.constraints import CountOrNone, NotNegative, Probability, Within, require_rule
 from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
@@ -36,8 +37,6 @@ from planners.search import identify as name_first
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-STRANGERS = 0.15
-"""Usual prior probability that an object is none of the bodies: at 0.05, strangers were named after few touches."""
 _GAINS = "information_gain", "shape_information_gain", "pose_information_gain"
 _BY_EVIDENCE = *_GAINS, "value_of_information", "fixed_poses", "random_poses"
 _PICTURED = 6  # objects

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
@@ -31,6 +32,7 @@ from belief.journal import array_from
 from belief.opinion import read_opinion
 from belief.problem import Probe, Touch
 from belief.references import ForeignCode
+from belief.search_progress import Outcome
 from belief.validation import Floats, as_real
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
@@ -160,6 +162,8 @@ class Conversation:
             if self.pad is None:
                 raise BadLine('"readings" are of the taxels of a pad: start with --pad FILE.toml, or tell an "image"')
             told["image"] = self.pad.image(_numbers(given["readings"], "readings"))
+        elif kinds[0] == "features" and isinstance(self.sensor, RecordedSensor):  # a row of recordings is its image
+            told["image"] = _numbers(given["features"], "features")
         else:
             told["touch"] = self._touch(given, told.get("pose"))
         self.session.tell(**told)
@@ -215,17 +219,14 @@ class NamingConversation(Conversation):
 
     def _ask(self, given: dict[str, Any]) -> dict[str, Any]:
         found = super()._ask(given)
-        if found["action"] == "touch":
-            return found
-        named = {"name": self.session.answer, "stated": min(self.session.stated, 1.0)}
-        return {"object": 0, "action": found["action"] and "name", **({} if found["action"] else _ENDED), **named}
+        if found["action"] == "confirm" or found.get("outcome") == str(Outcome.CONFIRMED):
+            found |= {"name": self.session.answer, "stated": min(self.session.stated, 1.0)}
+            return found | ({"outcome": "named"} if found["action"] is None else {"action": "name"})
+        return found
 
     def _state(self, given: dict[str, Any]) -> dict[str, Any]:
         found = super()._state(given)
-        return found | ({} if found["outcome"] is None else _ENDED)
-
-
-_ENDED = {"outcome": "named"}
+        return found | ({"outcome": "named"} if found["outcome"] == str(Outcome.CONFIRMED) else {})
 
 
 class TrayConversation(Conversation):
@@ -379,8 +380,9 @@ class Live:
     """nested: orientations are weighed coarse to fine, for hundreds of meshes; the default where they are so many."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
-    unlisted: Probability = 0.0
-    """Prior probability that an object has none of the shapes, such as 0.05."""
+    unlisted: Probability | None = None
+    """Prior probability that an object has none of the shapes, such as 0.05; the sensor is then taken as described.
+    By default 0; 0.15 where one of many meshes is named."""
     prior: str | None = None
     """Probabilities of shapes before the first touch, as a camera sees them: mug=.7,bowl=.3 for all objects, or a CSV
     file with columns object, shape and prob. They may be wrong, so they count less than touches."""
@@ -435,7 +437,11 @@ class Live:
     def _begun(self) -> Conversation:
         """The conversation of a session, which may go on."""
         check_arguments(self)
-        log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
+        log = (
+            self.log
+            if self.log is not None
+            else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}-{os.getpid()}.jsonl")
+        )
         begin = self._in_a_tray if self.choice.is_tray else self._naming if self.target is None else self._of_objects
         found = begin(log)
         step = found.session.step
@@ -505,7 +511,7 @@ class Live:
                 num_objects=self.objects,
                 composition=composition,
                 touch_cost=self.touch_cost,
-                unlisted=self.unlisted,
+                unlisted=self.unlisted or 0.0,
                 opinion=self._opinion(sensor, composition),
                 log=log,
                 abstain=not self.never_unsure,
@@ -532,4 +538,4 @@ class Live:
             choice = replace(choice, scene=of_scene)
         nested = True if self.observation_model == "nested" else None
         options = doubts(self.as_described, self.unknown_state, self.doubted_state, self.other_proportions)
-        return open_sensor(given, choice, self.anyway, nested=nested, **options)
+        return open_sensor(given, choice, self.anyway, nested=nested, strangers=bool(self.unlisted), **options)

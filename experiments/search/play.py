@@ -31,6 +31,7 @@ from belief.constraints import Fraction, NotNegative, Probability
 from belief.errors import CorruptFile, InvalidArgument
 from belief.naming import NONE_OF_THESE, UNLISTED
 from belief.observation_model.model import ObservationModel
+from belief.observation_model.rigid_body_evidence import innermost
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
@@ -365,7 +366,7 @@ def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> l
             posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
             world.advance()
-        about = getattr(evidence, "nominal", evidence) if is_of_body else None
+        about = innermost(evidence) if is_of_body else None
         frames.append(Frame(step, episode.arrangement[step.object_index], pressed, posterior, body, about))
         evidence = nothing if isinstance(step.decision.action, Reject) else evidence
     return frames
@@ -424,7 +425,7 @@ def _moments(
     sensor: TactileSensor, problem: SearchProblem, episode: Episode, approach: Sequence[float]
 ) -> Iterator[Moment]:
     nothing = sensor.model.start()
-    start = getattr(nothing, "nominal", nothing) if sensor.model.reads == "embeddings" else None
+    start = innermost(nothing) if sensor.model.reads == "embeddings" else None
     states = [""] * problem.num_objects
     target, current, num_touches = problem.shape_labels[episode.target], -1, 0
     for frame in replay(sensor, problem, episode):

@@ -11,6 +11,7 @@ import numpy as np
 from activetouch import RecordedSensor, TactileSensor
 from activetouch.view import Bodies, coloured
 from belief.files import require_writable_file
+from belief.observation_model.rigid_body_evidence import innermost
 from planners import Session
 
 
@@ -40,7 +41,7 @@ def viewer(sensor: TactileSensor | RecordedSensor, place: Path) -> Callable[[Ses
             stream.log("felt", rerun.Image(np.asarray(felt, np.uint8)[::-1]))
         if felt is not None and bodies is not None:
             evidence: Any = session.scene.evidence(at)
-            [(_, prob, picture)] = bodies.likeliest(getattr(evidence, "nominal", evidence), belief.probs, 1)
+            [(_, prob, picture)] = bodies.likeliest(innermost(evidence), belief.probs, 1)
             stream.log("body", rerun.Image(np.uint8(255 * coloured(picture, prob)[::-1])))
 
     return show

@@ -117,3 +117,10 @@ def test_a_scene_presses_the_pad():
         image = scene.press(scene.sample_object(0, rng), 0, rng).image
         assert image.shape == scene.image_shape == (14, 14)
         assert image.any()
+
+
+def test_readings_may_have_the_rows_of_a_grid_and_none_below_rest():
+    pad, readings = PadDescription(Taxels.grid(3, 4, 0.004), is_relative=True), np.arange(24.0).reshape(2, 12)
+    np.testing.assert_array_equal(pad.image(readings.reshape(2, 3, 4)), pad.image(readings))
+    with pytest.raises(InvalidArgument, match="got -3: subtract those at rest"):
+        pad.image(np.full(12, -3.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from belief import Belief
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import check_observation_model, read_observation_model
 from belief.observation_model.context_fit import OutcomeCode, fit_contexts, merged_cells
 from belief.observation_model.context_model import ContextModel
@@ -261,7 +261,7 @@ def test_cases_that_do_not_fit_are_refused(task):
     with pytest.raises(ValueError, match="no case of the class"):
         fit_contexts(np.zeros((4, 2), int), [0, 0, 0, 0], ("a", "b"))
     case = task.start()
-    with pytest.raises(ValueError, match="an outcome is"):
+    with pytest.raises(ValueError, match="has the outcomes 0, 1, got 7"):
         case.tell(7)
     assert isinstance(case.belief, Belief)
 
@@ -368,3 +368,54 @@ def test_actions_may_have_different_numbers_of_outcomes():
 def test_tables_of_another_form_are_refused_with_what_is_wanted(probs, words):
     with pytest.raises(ValueError, match=words):
         ActiveClassification.from_probs(probs)
+
+
+class Frame:
+    """What a data frame has that is read: columns with names."""
+
+    def __init__(self, values, columns):
+        self.values, self.columns = np.asarray(values), columns
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.values, dtype)
+
+
+def test_columns_of_a_data_frame_are_read_by_their_names(rng):
+    truth = rng.integers(2, size=400)
+    cases = np.stack([truth, 1 - truth, rng.integers(2, size=400)], axis=1) ^ (rng.random((400, 3)) < 0.2)
+    task = ActiveClassification.from_cases(Frame(cases, ("a", "b", "c")), truth, stop=0.9)
+    wanted = str(task.evaluate(cases, truth))
+    assert str(task.evaluate(Frame(cases, ("a", "b", "c")), truth)) == wanted
+    assert str(task.evaluate(Frame(cases[:, [2, 0, 1]], ("c", "a", "b")), truth)) == wanted
+    with pytest.raises(InvalidArgument, match=r"no column b; their columns are a, x, c"):
+        task.evaluate(Frame(cases, ("a", "x", "c")), truth)
+
+
+def test_a_certificate_is_of_its_stops(rng):
+    task = ActiveClassification.from_probs(TESTS, stop=0.9)
+    truth = rng.integers(2, size=400)
+    cases = [[int(rng.choice(2, p=TESTS[action][label])) for action in range(len(TESTS))] for label in truth]
+    certified = task.certified(cases, truth, risk=0.3)
+    assert certified.certificate is not None
+    assert certified.planned(40.0).certificate is None
+    with pytest.raises(InvalidArgument, match="the certificate is of other stops"):
+        replace(certified, stop=0.5)
+    assert replace(certified, error_cost=3.0).certificate is not None
+
+
+def test_cases_that_are_read_have_one_outcome_of_each_action(rng):
+    task = ActiveClassification.from_probs(TESTS, is_repeatable=True, stop=0.999, max_actions=9)
+    answers = task.evaluate([[0, 1, 0]] * 3, [0, 1, 0], ("adaptive", "random", "fixed")).answers
+    assert {tuple(sorted(one.actions)) for some in answers.values() for one in some} == {(0, 1, 2)}
+    case = task.start()
+    while case.ask() is not None:
+        case.tell(0)
+    assert len(case.taken) > 3  # here, another try is another outcome
+
+
+@pytest.mark.parametrize("outcome", [2, -1, "ill", 0.5, [0]])
+def test_an_outcome_that_an_action_does_not_have_is_named(outcome):
+    case = ActiveClassification.from_probs(TESTS, actions=("blood", "eyes", "skin")).start()
+    with pytest.raises(InvalidArgument, match=r"'blood' has the outcomes 0, 1, got"):
+        case.tell(outcome, action="blood")
+    assert len(repr(ActiveClassification.from_probs(TESTS).evaluate([[0, 1, 0]] * 9, [0] * 9))) < 100

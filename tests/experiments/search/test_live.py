@@ -30,7 +30,15 @@ from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.search.drawer import searches
-from experiments.search.live import MOST_BYTES, Conversation, Live, TrayConversation, converse, requests
+from experiments.search.live import (
+    MOST_BYTES,
+    Conversation,
+    Live,
+    NamingConversation,
+    TrayConversation,
+    converse,
+    requests,
+)
 
 pytestmark = pytest.mark.mujoco
 KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)
@@ -467,12 +475,30 @@ def test_without_a_target_an_object_is_named_and_a_broken_session_goes_on(tmp_pa
     talk.session.close()
 
 
-def test_noise_is_named_with_little_probability_and_nothing_is_touched_for_ever():
-    rng, session = np.random.default_rng(0), TactileSensor.shipped("coarse", unknown_state=None).naming(max_touches=6)
-    while isinstance(session.ask(), Probe):
-        session.tell(image=rng.integers(256, size=(4, 4)))
-    assert len(session.steps) == 6
-    assert session.stated < 0.95
+def test_strangers_are_weighed_by_a_sensor_as_described(tmp_path):
+    talk = Live("cone", sensor=Path("coarse"), unlisted=0.05, log=tmp_path / "log")._begun()
+    state = asked(talk, do="state")
+    talk.session.close()
+    assert state["unlisted"] == pytest.approx([0.05] * 4)
+    assert "sensor_health" not in state
+
+
+@pytest.mark.parametrize("kind", ["noise", "blank"])
+def test_noise_has_no_name(kind, tmp_path):
+    rng, options = np.random.default_rng(0), {"sensor": Path("coarse"), "log": tmp_path / "log", "max_touches": 6}
+    talk = Live(**options)._begun()
+    while (question := asked(talk, do="ask"))["action"] == "touch":
+        image = rng.integers(256, size=(4, 4)) if kind == "noise" else np.zeros((4, 4), int)
+        assert asked(talk, do="tell", step=question["step"], image=image.tolist())["ok"]
+    assert "name" not in question
+    if kind == "blank":  # every touch missed
+        assert (question["action"], question["outcome"]) == (None, "truncated")
+    else:
+        assert question["action"] == "unsure"
+        assert question["why"]
+        asked(talk, do="tell", step=question["step"], done=True)
+        assert asked(talk, do="ask")["outcome"] == asked(talk, do="state")["outcome"] == "unsure"
+    talk.session.close()
 
 
 def test_a_sensor_of_recorded_touches_names_objects(tmp_path):
@@ -480,7 +506,12 @@ def test_a_sensor_of_recorded_touches_names_objects(tmp_path):
     touches, session = known.model.sample(2, range(len(known.pose_labels)), np.random.default_rng(0)), known.naming()
     while isinstance(action := session.ask(), Probe):
         session.tell(touches[action.pose])
-    assert session.answer == known.shape_labels[2]
+    session.tell()
+    assert (session.outcome, session.answer) == ("confirmed", known.shape_labels[2])
+    row = np.ones(known.recorded_reader.num_features).tolist()
+    for field in ("features", "image"):  # which are one for recordings
+        talk = NamingConversation(known.naming(), known)
+        assert asked(talk, do="tell", step=0, **{field: row})["ok"]
 
 
 class Quits:
