@@ -405,6 +405,47 @@ def test_strangers_are_told_from_the_shapes_of_the_files(two):
     assert found.success
 
 
+@pytest.fixture(scope="module")
+def fine() -> TraySensor:
+    """A fine pad, two shapes and a bar that is a cube in its middle."""
+    shapes = {name: SHAPES[name] for name in ("sphere", "cube")}
+    tray = Tray(size=(0.13, 0.1), num_objects=1, present=0.6, unlisted=0.3, sizes=(1.0, 1.0))
+    return TraySensor.shipped("gel", shapes, tray, strangers={"bar": Box((0.024, 0.016, 0.016))})
+
+
+def touched_along(sensor: TraySensor, shape: int, places: tuple[float, ...]) -> tuple[float, float]:
+    """Probability that an object is the cube after touches along it: with lookalikes, and without."""
+    body = Lying(shape, 1.0, np.eye(3), np.array([0.065, 0.05, 0.016]))
+    world = TrayWorld(sensor.scene, sensor.tray, [body], sensor.strangers)
+    found = []
+    for is_asked in (True, False):
+        session = sensor.session("cube")
+        session.belief = session.belief if is_asked else replace(session.belief, lookalikes=None)
+        for place in places:
+            met = world.press(0.065 + place, 0.05, np.random.default_rng(1))
+            session.tell_met(met, (0.065 + place, 0.05))
+        found.append(session.standing.target)
+    return found[0], found[1]
+
+
+def test_a_stranger_that_feels_like_the_target_in_its_middle_is_told_from_it_by_more_touches(fine):
+    once, three = touched_along(fine, 2, (0.0,)), touched_along(fine, 2, (0.0, 0.018, -0.018))
+    assert once[0] >= 0.8 * once[1] > 0.2
+    assert three[0] < 0.3 * three[1]
+
+
+def test_an_object_of_the_shape_stays_the_target(fine):
+    asked, plain = touched_along(fine, 1, (0.0, 0.012, -0.012))
+    assert asked >= plain - 0.01
+    assert asked > 0.9
+
+
+def test_lookalikes_are_asked_only_where_strangers_are_weighed(fine):
+    assert fine.belief("cube").lookalikes is not None
+    for changed in ({"unlisted": 0.0}, {"push": 0.003}):
+        assert replace(fine, tray=replace(fine.tray, **changed)).belief("cube").lookalikes is None
+
+
 def test_the_environment_is_one_of_gymnasium(sensor):
     env = gymnasium.make("activetouch/TraySearch-v0", sensor=sensor)
     check_env(env.unwrapped, skip_render_check=True)
