@@ -364,7 +364,7 @@ class TraySession(AskAndTell[TrayTold]):
             asked = TrayDecision(action_from(line["asked"]), scores)
         arrays = {name: array_from(line[name]) if name in line else None for name in ("embedding", "image")}
         if "place" in line:
-            x, y = place = (float(line["place"][0]), float(line["place"][1]))
+            place = (float(line["place"][0]), float(line["place"][1]))
             level = None if line["level"] is None else float(line["level"])
             touch = self._touch(place, float(line["height"]), arrays["embedding"], level, arrays["image"])
         found = TrayTold(asked, line["rng"], place, touch, arrays["image"], float(line["time"]))

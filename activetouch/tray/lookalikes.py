@@ -73,13 +73,14 @@ class TrayLookalikes:
 
     def log_factor(self, belief: TrayBelief, one: Found, shape: int) -> float:
         """See :class:`belief.tray.Lookalikes`."""
-        key = id(self), id(one), shape
-        if key not in _KEPT or _KEPT[key][0] is not one:
+        key = id(one), shape
+        if key not in _KEPT or _KEPT[key][:2] != (self, one):
             while len(_KEPT) >= _MOST_KEPT:
                 del _KEPT[next(iter(_KEPT))]
             ratio = _MISFITS.log_ratio(one.touches, -self.misfit(belief, one, shape))
-            _KEPT[key] = one, max(ratio, 0.0)  # to fit is no evidence: a body may be like another one where it was met
-        return _KEPT[key][1]
+            factor = max(ratio, 0.0)  # to fit is no evidence: a body may be like another one where it was met
+            _KEPT[key] = self, one, factor
+        return _KEPT[key][2]
 
     def misfit(self, belief: TrayBelief, one: Found, shape: int) -> float:
         """Mean over an object's touches of log(1 + squared residual), as a shape lies that fits them best.
@@ -164,5 +165,5 @@ class TrayLookalikes:
         return noise**2 + _IMAGE**2
 
 
-_KEPT: dict[tuple[int, int, int], tuple[Found, float]] = {}
+_KEPT: dict[tuple[int, int], tuple[TrayLookalikes, Found, float]] = {}
 _MOST_KEPT = 64

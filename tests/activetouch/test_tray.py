@@ -407,37 +407,40 @@ def test_strangers_are_told_from_the_shapes_of_the_files(two):
 
 @pytest.fixture(scope="module")
 def fine() -> TraySensor:
-    """A fine pad, two shapes and a bar that is a cube in its middle."""
-    shapes = {name: SHAPES[name] for name in ("sphere", "cube")}
+    """A fine pad and three shapes, among which a cylinder may stand."""
+    shapes = {name: SHAPES[name] for name in ("sphere", "cube", "torus")}
     tray = Tray(size=(0.13, 0.1), num_objects=1, present=0.6, unlisted=0.3, sizes=(1.0, 1.0))
-    return TraySensor.shipped("gel", shapes, tray, strangers={"bar": Box((0.024, 0.016, 0.016))})
+    return TraySensor.shipped("gel", shapes, tray, strangers={"cylinder": SHAPES["cylinder"]})
 
 
-def touched_along(sensor: TraySensor, shape: int, places: tuple[float, ...]) -> tuple[float, float]:
-    """Probability that an object is the cube after touches along it: with lookalikes, and without."""
-    body = Lying(shape, 1.0, np.eye(3), np.array([0.065, 0.05, 0.016]))
-    world = TrayWorld(sensor.scene, sensor.tray, [body], sensor.strangers)
+def probabilities(sensor: TraySensor, shape: int, height: float, num_touches: int) -> tuple[float, float]:
+    """That an object is the cube, after touches of its middle and of two corners: with lookalikes, and without."""
+    world = TrayWorld(sensor.scene, sensor.tray, [Lying(shape, 1.0, np.eye(3), np.array([0.065, 0.05, height]))])
+    world.strangers = sensor.strangers
     found = []
-    for is_asked in (True, False):
+    for asked in (sensor.belief("cube").lookalikes, None):
         session = sensor.session("cube")
-        session.belief = session.belief if is_asked else replace(session.belief, lookalikes=None)
-        for place in places:
-            met = world.press(0.065 + place, 0.05, np.random.default_rng(1))
-            session.tell_met(met, (0.065 + place, 0.05))
+        session.belief = replace(session.belief, lookalikes=asked)
+        for aside in (0.0, 0.015, -0.015)[:num_touches]:
+            place = 0.065 + aside, 0.05 + aside
+            session.tell_met(world.press(*place, np.random.default_rng(1)), place)
         found.append(session.standing.target)
     return found[0], found[1]
 
 
-def test_a_stranger_that_feels_like_the_target_in_its_middle_is_told_from_it_by_more_touches(fine):
-    once, three = touched_along(fine, 2, (0.0,)), touched_along(fine, 2, (0.0, 0.018, -0.018))
-    assert once[0] >= 0.8 * once[1] > 0.2
-    assert three[0] < 0.3 * three[1]
+def test_a_stranger_that_feels_like_the_target_at_one_touch_is_told_from_it_at_three(fine):
+    first, first_plain = probabilities(fine, 3, 0.02, 1)
+    assert first == pytest.approx(first_plain)
+    three, three_plain = probabilities(fine, 3, 0.02, 3)
+    assert three_plain > 0.5
+    assert three < 0.1
 
 
 def test_an_object_of_the_shape_stays_the_target(fine):
-    asked, plain = touched_along(fine, 1, (0.0, 0.012, -0.012))
-    assert asked >= plain - 0.01
-    assert asked > 0.9
+    for num_touches in (1, 3):
+        asked, plain = probabilities(fine, 1, 0.016, num_touches)
+        assert asked == pytest.approx(plain)
+        assert asked > 0.95
 
 
 def test_lookalikes_are_asked_only_where_strangers_are_weighed(fine):
