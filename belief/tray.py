@@ -36,7 +36,7 @@ _STRAY = 1e-4  # probability that an object is not met although it is hit, or me
 _ODD, _TALL = 0.02, 0.05  # share of heights that are odd, and the range of heights [m]
 _MEETS = 0.7  # probability that a touch near an object of none of the shapes meets it
 _DEAD = 1e-3  # weight of a world, relative to the largest, below which it is dropped
-_CHECKED = 0.5  # probability of being the target from which it is asked whether an object is only like it
+_CHECKED = 0.8  # probability of being the target from which it is asked whether an object is only like it
 
 
 @dataclass(frozen=True, eq=False)
