@@ -242,9 +242,9 @@ class _OnlyLikeIt:
 
 def test_an_object_that_may_be_only_like_the_target_loses_its_factor():
     """Odds of each object that is probably the target are divided by the factor; a factor of 1 changes nothing."""
-    given = table(3)
+    given = table(4)
     at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
-    touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 8.0 * given.embeddings[at])
+    touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 4.0 * given.embeddings[at])
     start = believed(given, num_objects=1, unlisted=0.3)
     after = start.update(touch)
     probs = after.answers(after.worlds[0])
