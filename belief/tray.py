@@ -37,6 +37,7 @@ _ODD, _TALL = 0.02, 0.05  # share of heights that are odd, and the range of heig
 _MEETS = 0.7  # probability that a touch near an object of none of the shapes meets it
 _DEAD = 1e-3  # weight of a world, relative to the largest, below which it is dropped
 _CHECKED = 0.8  # probability of being the target from which it is asked whether an object is only like it
+_ALIKE = 0.1  # prior odds of that
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,19 +443,25 @@ class TrayBelief:
         vars(after)["by_shape"] = np.maximum(self.by_shape - gone, 0.0)  # a sum over all rows takes longer
         likely = after._likeliest(worlds)
         if self.lookalikes is not None:
-            likely = tuple(sorted(map(after._doubted, likely), key=lambda world: -world.log_weight))
+            likely = tuple(map(after._doubted, likely))
         object.__setattr__(after, "worlds", likely)
         return after
 
     def _doubted(self, world: World) -> World:
-        """A world in which objects that are probably the target may be only like it."""
+        """A world in which the object that is probably the target may be only like it.
+
+        What is only like it fits its touches as well as the target does, however many they are.
+        """
         assert self.lookalikes is not None, "asked by the caller"
         assert world.log_answers is not None, "of a likely world"
-        logs = world.log_answers.copy()
-        for place in np.flatnonzero(logs[:-2] >= math.log(_CHECKED)).tolist():
-            logs[place] -= self.lookalikes.log_factor(self, world.found[place], self.target)
-        total = float(np.logaddexp.reduce(logs))
-        return replace(world, log_weight=world.log_weight + total, log_answers=logs - total)
+        place, probs = int(world.log_answers.argmax()), np.exp(world.log_answers)
+        if place >= len(world.found) or probs[place] < _CHECKED:
+            return world
+        factor = np.exp(self.lookalikes.log_factor(self, world.found[place], self.target))
+        rest = np.delete(world.log_answers, place)
+        rest += np.log1p(-probs[place] / (1.0 + _ALIKE * factor)) - np.logaddexp.reduce(rest)
+        kept = world.log_answers[place] - np.log1p(_ALIKE * factor)
+        return replace(world, log_answers=np.insert(rest, place, kept))
 
     def _kept_apart(self, new: Found, world: World) -> Found | None:
         """A new object, not where a found one is."""

@@ -78,9 +78,7 @@ class TrayLookalikes:
         if key not in _KEPT or _KEPT[key][:2] != (self, one):
             while len(_KEPT) >= _MOST_KEPT:
                 del _KEPT[next(iter(_KEPT))]
-            ratio = _MISFITS.log_ratio(one.touches, -self.misfit(belief, one, shape))
-            factor = max(ratio, 0.0)  # to fit is no evidence: a body may be like another one where it was met
-            _KEPT[key] = self, one, factor
+            _KEPT[key] = self, one, _MISFITS.log_ratio(one.touches, -self.misfit(belief, one, shape))
         return _KEPT[key][2]
 
     def misfit(self, belief: TrayBelief, one: Found, shape: int) -> float:

@@ -430,7 +430,7 @@ def probabilities(sensor: TraySensor, shape: int, height: float, num_touches: in
 
 def test_a_stranger_that_feels_like_the_target_at_one_touch_is_told_from_it_at_three(fine):
     first, first_plain = probabilities(fine, 3, 0.02, 1)
-    assert first == pytest.approx(first_plain)
+    assert first == pytest.approx(first_plain, abs=0.02)
     three, three_plain = probabilities(fine, 3, 0.02, 3)
     assert three_plain > 0.9
     assert three < 0.2
@@ -439,7 +439,7 @@ def test_a_stranger_that_feels_like_the_target_at_one_touch_is_told_from_it_at_t
 def test_an_object_of_the_shape_stays_the_target(fine):
     for num_touches in (1, 3):
         asked, plain = probabilities(fine, 1, 0.016, num_touches)
-        assert asked == pytest.approx(plain)
+        assert asked == pytest.approx(plain, abs=0.02)
         assert asked > 0.95
 
 

@@ -240,24 +240,25 @@ class _OnlyLikeIt:
         return self.factor
 
 
-def test_an_object_that_may_be_only_like_the_target_loses_its_factor():
-    """Odds of each object that is probably the target are divided by the factor; a factor of 1 changes nothing."""
+def test_an_object_that_may_be_only_like_the_target_is_less_probable_however_much_it_is_like_it():
+    """What is only like it has prior odds of 0.1; the other answers share what the object loses."""
     given = table(4)
     at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
     touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 4.0 * given.embeddings[at])
-    start = believed(given, num_objects=1, unlisted=0.3)
+    start = believed(given, num_objects=2, unlisted=0.3)
     after = start.update(touch)
     probs = after.answers(after.worlds[0])
     assert 0.8 < probs.found[0] < 1.0
-    for factor in (0.0, 2.0):
+    assert probs.unfound > 0.0
+    for factor in (-np.inf, 0.0, 4.0):
         asked = _OnlyLikeIt(factor)
         doubted = replace(start, lookalikes=asked).update(touch)
-        assert asked.asked == [(0, 1, 0)]
-        [world] = doubted.worlds
-        found = doubted.answers(world)
-        odds, before = found.found[0] / found.absent, probs.found[0] / probs.absent
-        assert odds == pytest.approx(before * np.exp(-factor), rel=1e-9)
-        np.testing.assert_array_equal(world.found[0].log_weight, after.worlds[0].found[0].log_weight)
+        assert asked.asked[0] == (0, 1, 0)
+        found = doubted.answers(doubted.worlds[0])
+        assert found.found[0] == pytest.approx(probs.found[0] / (1.0 + 0.1 * np.exp(factor)))
+        assert found.found.sum() + found.unfound + found.absent == pytest.approx(1.0)
+        assert found.absent / found.unfound == pytest.approx(probs.absent / probs.unfound)
+        np.testing.assert_array_equal(doubted.weights, after.weights)
 
 
 def test_cells_and_places_agree():
