@@ -71,7 +71,7 @@ class PressedBeliefs:
             rows = members == member
             surface, pixel = solids[member].surface, window.edge / window.num_pixels
             maps[rows] = heights(surface, axes[rows], places[rows], pixel, window.num_pixels, np.float32)
-        return _images(imaging, maps, state, rng)
+        return images_of(imaging, maps, state, rng)
 
 
 def compared(images: NDArray[np.uint8], edge: int = _EDGE) -> Floats32:
@@ -130,7 +130,7 @@ def oddness(objects: Sequence[Residuals]) -> float:
     return float(max(both))
 
 
-def _images(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator) -> Floats32:
+def images_of(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator) -> Floats32:
     """As :func:`activetouch.perception.contacts.images.images` in one state, of few pixels, without torch."""
     number, samples = len(reached), imaging.samples
     seen = pressures(imaging, reached, rng.uniform(*imaging.force, number), state)
