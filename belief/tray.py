@@ -226,6 +226,11 @@ class Found:
         """Number of touches that met it."""
         return len(self.met)
 
+    @cached_property
+    def kept(self) -> dict[int, float]:
+        """What a :class:`Lookalikes` has found out about it, by shape."""
+        return {}
+
     @property
     def cells(self) -> list[tuple[int, int]]:
         """Of the touches that met it."""
