@@ -494,6 +494,7 @@ class TrayBelief:
                 base = one.base.copy()
                 base[hits] += felt.log_lower[number[hits]]
                 found = replace(one, base=base).pruned()
+                vars(found)["kept"] = one.kept  # which is about the touches that met it
             elif is_met and len(hits) and felt.log_own is not None and felt.scores is not None:
                 number = number[hits]
                 parts = {name: getattr(one, name)[hits] for name in ("row", "x", "y", "shape")}
