@@ -227,8 +227,8 @@ class Found:
         return len(self.met)
 
     @cached_property
-    def kept(self) -> dict[int, float]:
-        """What a :class:`Lookalikes` has found out about it, by shape."""
+    def kept(self) -> dict[int, tuple[int, float]]:
+        """By shape what a :class:`Lookalikes` said last, and after how many touches."""
         return {}
 
     @property
@@ -494,7 +494,6 @@ class TrayBelief:
                 base = one.base.copy()
                 base[hits] += felt.log_lower[number[hits]]
                 found = replace(one, base=base).pruned()
-                vars(found)["kept"] = one.kept  # which is about the touches that met it
             elif is_met and len(hits) and felt.log_own is not None and felt.scores is not None:
                 number = number[hits]
                 parts = {name: getattr(one, name)[hits] for name in ("row", "x", "y", "shape")}
@@ -507,6 +506,8 @@ class TrayBelief:
                 parts |= {"base": one.base[hits] + at_any_height + heights}
                 parts |= {"sums": one.sums[hits] + new * felt.scores[number]}
                 found = self._pushed(replace(one, **parts, met=(*one.met, felt.touch)).pruned())
+        if found is not None and one.kept:
+            vars(found)["kept"] = dict(one.kept)
         cache[key] = found
         return found
 

@@ -29,6 +29,7 @@ from belief.tray import Found, PlaceTouch, TrayBelief
 _PRESSED = 96, 384  # ways to lie that are pressed at once: at first, and where none of these fits
 _BEST = 1 / 12  # of these, that are changed a little
 _NEARER = (1.0, 0.5, 0.25, 0.12, 0.06)  # by which part of a cell they are changed
+_MOST = 8  # touches of an object that count, spread over all of them
 _FORCES = 4  # that a touch may have had
 _FITTING = 0.5  # misfit of a way to lie that fits
 _HEIGHT = 0.0006  # standard deviation of a height [m]
@@ -74,10 +75,11 @@ class TrayLookalikes:
 
     def log_factor(self, belief: TrayBelief, one: Found, shape: int) -> float:
         """See :class:`belief.tray.Lookalikes`."""
-        known = one.kept
-        if shape not in known:  # several worlds share an object
-            known[shape] = _MISFITS.log_ratio(one.touches, -self.misfit(belief, one, shape))
-        return known[shape]
+        asked, known = one.kept.get(shape, (0, 0.0))
+        if not asked or one.touches >= asked + max(1, asked // 4):  # what it takes grows with their number
+            known = _MISFITS.log_ratio(one.touches, -self.misfit(belief, one, shape))
+            one.kept[shape] = one.touches, known
+        return known
 
     def misfit(self, belief: TrayBelief, one: Found, shape: int) -> float:
         """Mean over an object's touches of log(1 + squared residual), as a shape lies that fits them best.
@@ -86,13 +88,14 @@ class TrayLookalikes:
         """
         solid = list(self.scene.solids.values())[shape]
         rng = np.random.default_rng([0x100C, shape, *np.ravel(one.cells).tolist()])
-        places = [belief.centre(touch.cell) if touch.place is None else touch.place for touch in one.met]
+        met = [one.met[place] for place in np.unique(np.linspace(0, one.touches - 1, _MOST).astype(int)).tolist()]
+        places = [belief.centre(touch.cell) if touch.place is None else touch.place for touch in met]
         found = np.inf
         for number in _PRESSED:
             lying, kept = self._believed(belief, one, shape, number, rng), round(number * _BEST)
             for part in _NEARER:
                 lying = self._near(lying, part, belief.table.pitch, 0 if part == 1.0 else kept, rng)
-                misfits = self._misfits(solid, lying, one.met, places)
+                misfits = self._misfits(solid, lying, met, places)
                 best = np.argsort(misfits, kind="stable")[:kept]
                 lying = lying.take(np.tile(best, number // kept))
                 found = min(found, float(misfits[best[0]]))
@@ -121,9 +124,7 @@ class TrayLookalikes:
         turn = lying.turn + aside[:, 0] * np.pi / NUM_TURNS
         return _Lying(lying.face, turn, lying.places + aside[:, 1:3] * pitch / 2.0, size)
 
-    def _misfits(
-        self, solid: Shape, lying: _Lying, met: tuple[PlaceTouch, ...], places: list[tuple[float, float]]
-    ) -> Floats:
+    def _misfits(self, solid: Shape, lying: _Lying, met: list[PlaceTouch], places: list[tuple[float, float]]) -> Floats:
         """:meth:`misfit` of each way to lie."""
         resting, window = rests_of(solid), self.imaging.window
         turns = lying.size[:, None, None] * (about_vertical(lying.turn) @ resting.rotations[lying.face])
