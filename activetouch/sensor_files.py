@@ -142,21 +142,27 @@ def shipped_file(path: Path) -> Path:
     return model_file(path)
 
 
-def doubting_file(folder: Path, own: Path, scene: Scene, independent: bool = False) -> Path:
-    """The reader of any object with which a sensor that reads a scene by a file may doubt its description."""
-    other = own if own.name == ANY_OBJECT_FILE else folder / ANY_OBJECT_FILE
-    if not other.exists() or independent or scene.hand is not None:
+def doubting_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
+    """The reader of any object with which a sensor may doubt its description."""
+    found = any_object_file(folder, scene, independent)
+    if found is None:
         raise InvalidArgument(
             "a sensor doubts its description where touches are odd if it has a joint model and a reader of any object, "
             f"and no hand; {folder} does not: leave out the doubt (unknown_state, --doubted-state)"
         )
-    return other
+    return found
 
 
 def other_reader(folder: Path, own: Path, scene: Scene, independent: bool = False) -> Path | None:
     """The reader of any object beside the own one, where a joint model of single touches may ask it; None without."""
+    found = any_object_file(folder, scene, independent)
+    return None if found == own else found
+
+
+def any_object_file(folder: Path, scene: Scene, independent: bool = False) -> Path | None:
+    """The reader of any object of a sensor, where a joint model of single touches may ask it; None without."""
     other = folder / ANY_OBJECT_FILE
-    return None if own == other or not other.exists() or independent or scene.hand is not None else other
+    return None if not other.exists() or independent or scene.hand is not None else other
 
 
 def require_simulated(folder: Path) -> None:

@@ -25,7 +25,7 @@ from activetouch.sensor_files import (
     POLICIES,
     READER_FILE,
     FittedModel,
-    doubting_file,
+    any_object_file,
     files_for,
     observation_file,
     other_reader,
@@ -159,11 +159,8 @@ def _guards(
 ) -> tuple[bool | None, bool]:
     """The ``unknown_state`` and ``other_proportions`` of :meth:`TactileSensor.load` with which it doubts all it can."""
     is_joint = fitted is None or isinstance(fitted.model, FittedRigidBody)
-    if not is_joint or TactileSensor.nested_plan(scene, independent, nested) is not None:
-        return False, False
-    try:
-        doubting_file(folder, path, scene, independent)
-    except InvalidArgument:
+    can_doubt = is_joint and any_object_file(folder, scene, independent) is not None
+    if not can_doubt or TactileSensor.nested_plan(scene, independent, nested) is not None:
         return False, False
     from activetouch.perception.proportions import OtherProportions  # other sensors do not need it
 

@@ -51,7 +51,7 @@ class OtherProportions:
             return None
         embedding = self._reader.run(touch.image[None])[0] / np.float32(_TEMPERATURE)
         place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
-        table, usual = self._in(place)
+        table, usual = self.embedded(place)
         found = (table.reshape(-1, table.shape[-1]) @ embedding[0]).reshape(table.shape[:2])
         return np.asarray(found - np.float32(log_means((usual @ embedding[0])[None])[0]))
 
@@ -65,7 +65,7 @@ class OtherProportions:
         assert isinstance(found, ContactHypotheses)
         return found
 
-    def _in(self, place: int | tuple[float, ...]) -> tuple[Floats32, Floats32]:
+    def embedded(self, place: int | tuple[float, ...]) -> tuple[Floats32, Floats32]:
         """Embedded hypotheses in a pose or another place, ``(V, N, D)``, and usual objects there, ``(U, D)``; kept."""
         if place not in self._kept:
             pairs = (self.bodies, self.number), (self.scene, _USUAL)

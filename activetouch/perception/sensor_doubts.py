@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -185,20 +185,21 @@ class SensorDoubts:
     def _coarsely(self, one: DoubtedEvidence) -> Floats:
         """Log evidence of an object in the described state and each of the coarse alternatives."""
         if "coarsely" not in one.kept:
-            found = np.logaddexp.reduce(self._summed(one, "coarsely", self._alternatives), axis=(1, 2))
-            if self.varied is not None and self._others is not None:
-                others = np.logaddexp.reduce(self._summed(one, "others", self._others), axis=None)
-                shares = np.log1p(-SHARE), math.log(SHARE * _FEW / self._others.number)
+            found = np.logaddexp.reduce(self._summed(one, "coarsely", self._alternatives.in_pose), axis=(1, 2))
+            if (varied := self.varied) is not None:
+                others = self._summed(one, "others", lambda pose: varied.embedded(pose)[0])
+                others = np.logaddexp.reduce(others, axis=None)
+                shares = np.log1p(-SHARE), math.log(SHARE * _FEW / varied.number)
                 found[0] = np.logaddexp(shares[0] + found[0], shares[1] + others)
             one.kept["coarsely"] = found
         return np.asarray(one.kept["coarsely"])
 
     @staticmethod
-    def _summed(one: DoubtedEvidence, name: str, embedded: EmbeddedWorlds) -> Floats:
-        """Log ratios of all touches of an object under few hypotheses in some states, ``(W, K, H)``."""
+    def _summed(one: DoubtedEvidence, name: str, in_pose: Callable[[int], NDArray[np.floating]]) -> Floats:
+        """Log ratios of all touches of an object under hypotheses that are embedded in a pose, ``(..., D)``."""
         number, scores = one.sums.get(name, (0, np.zeros((1, 1, 1))))
         for touch in one.again[number:]:
-            scores = scores + embedded.in_pose(int(touch.pose)) @ _features(touch)
+            scores = scores + in_pose(int(touch.pose)) @ _features(touch)
         one.sums[name] = len(one.again), scores
         return np.asarray(scores / _SOFTER)
 
@@ -206,13 +207,6 @@ class SensorDoubts:
     def _alternatives(self) -> EmbeddedWorlds:
         changed = [with_changes(self.imaging, self.described, change) for change in _COARSE]
         return EmbeddedWorlds(self._hypotheses, self.scene, _joined(self.described, *changed), _FEW)
-
-    @cached_property
-    def _others(self) -> EmbeddedWorlds | None:
-        """Bodies of other proportions in the described state."""
-        if self.varied is None:
-            return None
-        return EmbeddedWorlds(self._hypotheses, self.varied.bodies, self.described, self.varied.number)
 
     def _oddness(
         self,

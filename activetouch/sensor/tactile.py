@@ -178,7 +178,7 @@ class TactileSensor:
             if unknown_state is None:
                 from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
 
-                model = doubted(model, doubting_file(folder, path, scene, independent), scene)
+                model = doubted(model, doubting_file(folder, scene, independent), scene)
         if full.moves is not None or isinstance(full.presentation, Inexact):
             from activetouch.perception.moving import moving_model  # other sensors do not need it
 
