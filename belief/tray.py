@@ -15,7 +15,7 @@ share one intensity over rows and places.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
@@ -36,7 +36,7 @@ _STRAY = 1e-4  # probability that an object is not met although it is hit, or me
 _ODD, _TALL = 0.02, 0.05  # share of heights that are odd, and the range of heights [m]
 _MEETS = 0.7  # probability that a touch near an object of none of the shapes meets it
 _DEAD = 1e-3  # weight of a world, relative to the largest, below which it is dropped
-_CHECKED = 0.8  # probability of being the target from which it is asked whether an object is only like it
+_CHECKED = 0.9  # probability of being the target from which it is asked whether an object is only like it
 _ALIKE = 0.1  # prior odds of that
 
 
@@ -226,11 +226,6 @@ class Found:
         """Number of touches that met it."""
         return len(self.met)
 
-    @cached_property
-    def kept(self) -> dict[int, tuple[int, float]]:
-        """By shape what a :class:`Lookalikes` said last, and after how many touches."""
-        return {}
-
     @property
     def cells(self) -> list[tuple[int, int]]:
         """Of the touches that met it."""
@@ -336,6 +331,7 @@ class TrayBelief:
             all touches so far, ``(R, X, Y)``.
         worlds: assignments, the likeliest first.
         pressed: cells of all touches so far.
+        doubts: what ``lookalikes`` said of objects, by the cells of their touches.
     """
 
     table: PlaceTable
@@ -351,6 +347,7 @@ class TrayBelief:
     intensity: Floats32 = field(default=None, repr=False)  # type: ignore[arg-type]
     worlds: tuple[World, ...] = (World(()),)
     pressed: tuple[tuple[int, int], ...] = ()
+    doubts: Mapping[tuple[tuple[int, int], ...], float] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.intensity is None:
@@ -448,25 +445,32 @@ class TrayBelief:
         vars(after)["by_shape"] = np.maximum(self.by_shape - gone, 0.0)  # a sum over all rows takes longer
         likely = after._likeliest(worlds)
         if self.lookalikes is not None:
-            likely = tuple(map(after._doubted, likely))
+            doubts = dict(self.doubts)
+            likely = tuple(after._doubted(self.lookalikes, world, doubts) for world in likely)
+            object.__setattr__(after, "doubts", doubts)
         object.__setattr__(after, "worlds", likely)
         return after
 
-    def _doubted(self, world: World) -> World:
-        """A world in which the object that is probably the target may be only like it.
+    def _doubted(self, lookalikes: Lookalikes, world: World, doubts: dict[tuple[tuple[int, int], ...], float]) -> World:
+        """A world in which objects that are probably the target may be only like it; adds to :attr:`doubts`.
 
         What is only like it fits its touches as well as the target does, however many they are.
         """
-        assert self.lookalikes is not None, "asked by the caller"
         assert world.log_answers is not None, "of a likely world"
-        place, probs = int(world.log_answers.argmax()), np.exp(world.log_answers)
-        if place >= len(world.found) or probs[place] < _CHECKED:
-            return world
-        factor = np.exp(self.lookalikes.log_factor(self, world.found[place], self.target))
-        rest = np.delete(world.log_answers, place)
-        rest += np.log1p(-probs[place] / (1.0 + _ALIKE * factor)) - np.logaddexp.reduce(rest)
-        kept = world.log_answers[place] - np.log1p(_ALIKE * factor)
-        return replace(world, log_answers=np.insert(rest, place, kept))
+        logs, asked = world.log_answers, set[int]()
+        while (place := int(logs.argmax())) < len(world.found) and place not in asked:
+            if (prob := float(np.exp(logs[place]))) < _CHECKED:
+                break
+            asked.add(place)
+            cells = tuple(world.found[place].cells)
+            recent = [n for n in range(1, len(cells) + 1) if n + max(1, n // 4) > len(cells) and cells[:n] in doubts]
+            if not recent:  # the more touches, the more of them it takes to ask again
+                doubts[cells] = lookalikes.log_factor(self, world.found[place], self.target)
+            doubt = float(np.logaddexp(0.0, math.log(_ALIKE) + doubts[cells[: recent[-1]] if recent else cells]))
+            rest = np.delete(logs, place)
+            rest += np.log1p(-prob * math.exp(-doubt)) - np.logaddexp.reduce(rest)
+            logs = np.insert(rest, place, logs[place] - doubt)
+        return replace(world, log_answers=logs)
 
     def _kept_apart(self, new: Found, world: World) -> Found | None:
         """A new object, not where a found one is."""
@@ -506,8 +510,6 @@ class TrayBelief:
                 parts |= {"base": one.base[hits] + at_any_height + heights}
                 parts |= {"sums": one.sums[hits] + new * felt.scores[number]}
                 found = self._pushed(replace(one, **parts, met=(*one.met, felt.touch)).pruned())
-        if found is not None and one.kept:
-            vars(found)["kept"] = dict(one.kept)
         cache[key] = found
         return found
 
