@@ -126,7 +126,7 @@ def main() -> None:
     else:
         front = next(iter(base.rotations.items()))
         sensor = TactileSensor.load(given.sensor or sensor_of_pad(pad), pad.scene(replace(base, poses=dict([front]))))
-        model: Any = sensor.model
+        model: Any = sensor.model.nominal  # without the question whether images look like any press
         prior = model.log_prior
 
         def likelihoods(felt: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeAlias, TypeVar, runti
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.bayes import Belief
 from belief.composition import Composition
 from belief.errors import BrokenContract, InvalidArgument
 from belief.naming import UNLISTED, Name, index_of
@@ -26,8 +25,8 @@ from belief.validation import Floats
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider
 from planners.episode import Episode
 from planners.probing import ShapeInformationGain
-from planners.session import Session
-from planners.stopping import StopOverride
+from planners.session import Session, likeliest
+from planners.stopping import PosteriorThresholds, StopOverride
 
 
 class World(Protocol):
@@ -204,6 +203,66 @@ class Identification:
         return self.named == self.truth
 
 
+def naming_session(
+    decider: ProbeSelector | Decider,
+    model: ObservationModel,
+    pose_labels: Sequence[str],
+    seed: int | Sequence[int] = 0,
+    threshold: float | None = 0.95,
+    max_touches: int = 16,
+    unlisted: float = 0.0,
+    opinion: ArrayLike | None = None,
+    until: Callable[[int, Sequence[Touch]], bool] | None = None,
+    **settings: Any,
+) -> Session:
+    """A session that touches one object until a label has the probability ``threshold``, and names it.
+
+    Its last action is Unsure, which ends it; then :attr:`Session.answer` and :attr:`Session.stated` are the name and
+    its probability.
+
+    Args:
+        decider: a selector of poses, whose target is label 0 and has no meaning; or a decider, which is asked about the
+            most probable label. Of one that stops by the probability of the target, the selector is taken. Where
+            another one would stop too early, the touch that tells most about the label is made.
+        model: likelihood of touches; its labels are equally probable before the first.
+        pose_labels: names of the P poses.
+        seed: seed of the decider.
+        threshold: probability at which to stop, in (0, 1]; None stops at ``max_touches`` alone.
+        max_touches: ≥ 1.
+        unlisted: prior probability that the object has none of the labels, which is one more answer, in [0, 1).
+        opinion: probabilities of the labels from another source, ``(K,)`` (:attr:`belief.SearchProblem.opinion`).
+        until: what else must hold of a label with that probability and its touches before they end, such as that it is
+            known how the object lies; it is asked after each touch.
+        settings: as of :class:`Session`.
+
+    Raises:
+        InvalidArgument: the threshold is out of its range, or the model cannot weigh unlisted shapes.
+
+    >>> from belief.synthetic import random_model
+    >>> from planners.probing import GivenOrder
+    >>> model, rng = random_model(np.random.default_rng(0), sharpness=4.0), np.random.default_rng(1)
+    >>> session = naming_session(GivenOrder(("a", "b", "c")), model, ("a", "b", "c"))
+    >>> while isinstance(action := session.ask(), Probe):
+    ...     session.tell(model.sample(2, [action.pose], rng)[0])
+    >>> session.answer, session.stated > 0.95
+    ('shape_2', True)
+    """
+    if threshold is not None and not 0.0 < threshold <= 1.0:
+        raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
+    labels, poses = tuple(model.shape_labels), tuple(pose_labels)
+    rules = {"touch_limit": max_touches, "unsure_reward": 0.0, "unlisted": unlisted, "opinion": opinion}
+    problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, **rules)  # type: ignore[arg-type]
+    rule = _Certain(threshold, max_touches, until)
+    if isinstance(decider, SequentialDecider) and isinstance(decider.stopping, PosteriorThresholds):
+        decider = decider.probing
+    player: Decider
+    if isinstance(decider, ProbeSelector):
+        player = SequentialDecider(rule, decider)
+    else:
+        player = StopOverride(rule, _ForLikeliest(decider), ShapeInformationGain(model.outcome_table()))
+    return Session(problem, player, 0, model, seed, abstain=False, **settings)
+
+
 def identify(
     world: World,
     decider: ProbeSelector | Decider,
@@ -220,20 +279,11 @@ def identify(
 
     Args:
         world: its first object is touched.
-        decider: a selector of poses, whose target is label 0 and has no meaning; or a decider, which is asked about the
-            most probable label. Where it would stop too early, the touch that tells most about the label is made.
-        model: likelihood of touches; its labels are equally probable before the first.
-        pose_labels: names of the P poses.
+        decider, model, pose_labels, threshold, max_touches, unlisted, opinion, until: as of :func:`naming_session`.
         seed: seed of the touches and of the decider.
-        threshold: probability at which to stop, in (0, 1]; None stops at ``max_touches`` alone.
-        max_touches: ≥ 1.
-        unlisted: prior probability that the object has none of the labels, which is one more answer, in [0, 1).
-        opinion: probabilities of the labels from another source, ``(K,)`` (:attr:`belief.SearchProblem.opinion`).
-        until: what else must hold of a label with that probability and its touches before they end, such as that it is
-            known how the object lies; it is asked after each touch.
 
     Raises:
-        InvalidArgument: the threshold is out of its range, or the model cannot weigh unlisted shapes.
+        InvalidArgument: as of :func:`naming_session`.
         BrokenContract: the selector chose another action than a touch.
 
     >>> from belief.synthetic import SyntheticWorld, random_model
@@ -243,37 +293,20 @@ def identify(
     >>> found.is_right, found.is_certain, found.poses
     (True, True, (0,))
     """
-    if threshold is not None and not 0.0 < threshold <= 1.0:
-        raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
-    labels, poses = tuple(model.shape_labels), tuple(pose_labels)
-    rules = {"touch_limit": max_touches, "unsure_reward": 0.0, "unlisted": unlisted, "opinion": opinion}
-    problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, **rules)  # type: ignore[arg-type]
-    rule = _Certain(threshold, max_touches, until)
-    player: Decider
-    if isinstance(decider, ProbeSelector):
-        player = SequentialDecider(rule, decider)
-    else:
-        player = StopOverride(rule, _ForLikeliest(decider), ShapeInformationGain(model.outcome_table()))
-    session = Session(problem, player, 0, model, seed, abstain=False)
+    rules = threshold, max_touches, unlisted, opinion, until
+    session = naming_session(decider, model, pose_labels, seed, *rules)
     world.reset()
     while (request := _next_request(session, world)) is not None:
         session.tell(world.touch(request.pose, request.rng))
-    log_probs, best, stated = session.belief.log_probs, *_answer(session.belief)
+    log_probs, (best, stated) = session.belief.log_probs, likeliest(session.belief)
     touches = tuple(step.touch for step in session.steps if step.touch is not None)
     is_certain = threshold is not None and stated >= threshold
     if not is_certain and len(touches) < max_touches:
         raise BrokenContract(f"a selector must choose poses, and {decider!r:.80} ended the search")
     after = [step.belief.log_probs for step in session.steps[1:]] if touches else []
-    rows = np.asarray([*after, log_probs][: len(touches)], np.float32).reshape(len(touches), len(labels))
+    rows = np.asarray([*after, log_probs][: len(touches)], np.float32).reshape(len(touches), len(log_probs))
     poses_of = tuple(touch.pose for touch in touches)
     return Identification(world.arrangement[0], best, stated, poses_of, is_certain, touches, rows)
-
-
-def _answer(belief: Belief) -> tuple[int, float]:
-    """The most probable label, or UNLISTED, and its probability."""
-    best = int(belief.log_probs.argmax())
-    stated = float(np.exp(belief.log_probs[best]))
-    return (UNLISTED, belief.unlisted) if belief.unlisted > stated else (best, stated)
 
 
 @dataclass(frozen=True)
@@ -285,7 +318,7 @@ class _Certain:
     until: Callable[[int, Sequence[Touch]], bool] | None = None
 
     def stop(self, info: InformationState) -> Decision | None:
-        named, stated = _answer(info.belief)
+        named, stated = likeliest(info.belief)
         is_done = len(info.history) >= self.max_touches
         if not is_done and self.threshold is not None and stated >= self.threshold:
             is_done = named == UNLISTED or self.until is None or self.until(named, info.history)

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from belief.bayes import Belief
 from belief.errors import InvalidArgument
-from belief.naming import NONE_OF_THESE, UNKNOWN, UNLISTED, Name, index_of, one_line
+from belief.naming import NONE_OF_THESE, UNKNOWN, UNLISTED, Name, index_of, one_line, shape_name
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneView
@@ -241,6 +241,16 @@ class Session(AskAndTell[Told]):
         return self._progress.scene.belief(self.object_index)
 
     @property
+    def answer(self) -> str:
+        """The most probable shape of the current object, or "none of these"."""
+        return shape_name(self.problem.shape_labels, likeliest(self.belief)[0])
+
+    @property
+    def stated(self) -> float:
+        """Probability of :attr:`answer`."""
+        return likeliest(self.belief)[1]
+
+    @property
     def prob_moved(self) -> float:
         """Probability that the current object moved just before its last touch; 0.0 where objects stay."""
         return self._progress.scene.prob_moved(self.object_index)
@@ -398,3 +408,10 @@ class Session(AskAndTell[Told]):
             **({} if self._prior is None else {"prior": self._prior.probs.tolist()}),
             **digests(self.model, listener.reader),
         }
+
+
+def likeliest(belief: Belief) -> tuple[int, float]:
+    """The most probable label, or UNLISTED, and its probability."""
+    best = int(belief.log_probs.argmax())
+    stated = float(np.exp(belief.log_probs[best]))
+    return (UNLISTED, belief.unlisted) if belief.unlisted > stated else (best, stated)

@@ -159,11 +159,15 @@ def is_known(pad: PadDescription) -> bool:
 
 
 def possible_pads(pad: PadDescription) -> tuple[tuple[str, ...], dict[str, Floats]]:
-    """Pads that a description allows, beside the middle one: in words, and parts of states, each ``(PADS,)``."""
-    rest = {name: values[1:] for name, values in pad.response.spread(1 + PADS).items()}
+    """Pads that a description allows, beside the middle one: in words, and parts of states, each ``(n,)``.
+
+    There are :data:`PADS` of them, and none where the description leaves nothing open.
+    """
+    number = 0 if is_known(pad) else PADS
+    rest = {name: values[1:] for name, values in pad.response.spread(1 + number).items()}
     labels = tuple(
         f"pad {i + 1}: stiffness {rest['stiffness'][i]:.1e} N/m³, law ^{rest['law'][i]:.2f}, "
         f"threshold {rest['threshold'][i]:.2f}, blur {rest['blur'][i]:.2f}"
-        for i in range(PADS)
+        for i in range(number)
     )
     return labels, to_state(pad, rest)

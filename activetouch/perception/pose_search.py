@@ -34,14 +34,16 @@ from belief.observation_model.nested_bodies import NestedEvidence
 from belief.observation_model.rigid_body_evidence import joint_evidence
 from belief.validation import Floats
 
+_CELLS = 48  # of a body, among which the beginnings are
 _WAYS = 6  # cells to begin with
-_DRAWN = 32, 32, 32, 32, 64  # orientations near each, in every round
+_DRAWN, _ROUNDS, _AT_LAST = 32, (4, 10), 96
+"""Orientations near each way to lie in every round, the least and largest number of rounds, and those at last."""
 _EFFECTIVE = 6.0  # of a round, that the next is drawn by
 _PARTS = "orientations", "log_sizes"
 _BEHIND = 12.0  # log likelihood behind the best, at which a way to lie is given up
 _WIDER = 1.5  # of the covariance that is drawn from
 _LEAST = np.deg2rad(0.3), 0.002  # deviations that are drawn at least: of orientations [rad], of log sizes
-_ERROR, _TRUST, _DRIFT = 0.05, 0.03, 0.3
+_ERROR, _TRUST, _DRIFT = 0.05, 0.026, 0.3
 """Deviation of a pixel from its prediction, relative to full scale; the share of independent pixels in one touch, and
 how that falls with the number of touches, as errors about one body come again."""
 _LARGEST = 5.0  # residual of a pixel, in deviations
@@ -77,9 +79,11 @@ class _Proposal(NamedTuple):
 
     def draws(self, number: int, rng: np.random.Generator) -> _Draws:
         values, axes = np.linalg.eigh(self.covariance)
-        normal, deviations = rng.normal(size=(number, 4)), np.sqrt(np.maximum(values, 0.0))
-        changes = (normal * deviations) @ axes.T
-        density = -0.5 * np.square(normal).sum(axis=1) - np.log(deviations[deviations > 0.0]).sum()
+        deviations = np.sqrt(np.maximum(values, 0.0))
+        free = deviations > 0.0
+        drawn = rng.normal(size=(number, 4)) * free
+        changes = (drawn * deviations) @ axes.T
+        density = -0.5 * np.square(drawn).sum(axis=1) - np.log(deviations[free]).sum()
         orientations = turned_slightly(self.orientation, changes[:, :3])
         return _Draws(changes, orientations, self.log_size + changes[:, 3], density)
 
@@ -132,17 +136,23 @@ class PoseSearch:
                 break
         wide = np.diag(np.square([*[starts.width] * 3, self._size_spread]))
         ways = [_Proposal(*mean, wide) for mean in means]
-        for drawn in _DRAWN:
-            draws = [way.draws(drawn, rng) for way in ways]
+        least, most = _ROUNDS
+        effective = 0.0
+        for number in range(1, most + 1):
+            is_last = number == most or (number >= least and effective >= _EFFECTIVE)
+            draws = [way.draws(_AT_LAST if is_last else _DRAWN, rng) for way in ways]
             every, log_sizes = (np.concatenate([getattr(one, name) for one in draws]) for name in _PARTS)
             logs = self.log_likelihoods(solid, every, np.exp(log_sizes), poses, felt) + self._log_prior(log_sizes)
             scores = np.split(logs, len(ways))
             weights = [each - one.log_density for each, one in zip(scores, draws, strict=True)]
             kept = [row for row, each in enumerate(scores) if each.max() > logs.max() - _BEHIND]
+            log_weights = np.concatenate([weights[row] for row in kept])
+            probs = np.exp(log_weights - logsumexp(log_weights))
+            if is_last:
+                break
+            effective = 1.0 / float(np.square(probs).sum())
             ways = [ways[row].moved(draws[row], weights[row]) for row in kept]
         every, log_sizes = (np.concatenate([getattr(draws[row], name) for row in kept]) for name in _PARTS)
-        log_weights = np.concatenate([weights[row] for row in kept])
-        probs = np.exp(log_weights - logsumexp(log_weights))
         return PoseBelief(shape, every, np.exp(log_sizes), probs / probs.sum(), symmetry)
 
     def log_likelihoods(
@@ -213,7 +223,7 @@ def cells_of(evidence: Any, scene: Scene, shape: int) -> Starts:
         rests = np.stack([centres(levels[level])[cell] for level, cell in each])
         return Starts(rests, np.ones(len(rests)), leaves.log_weight, _CELL)
     if isinstance(evidence, NestedEvidence) and isinstance(bodies := evidence.model.bodies, CloseContacts):
-        cells, logs = bodies.likely(shape, evidence.belief.touches)
+        cells, logs = bodies.likely(shape, evidence.belief.touches, _CELLS)
         return Starts(centres(2)[cells], np.ones(len(cells)), evidence.belief.scale * logs, _CELL)
     if (joint := joint_evidence(evidence)) is None:
         raise InvalidArgument(

@@ -133,7 +133,10 @@ def oddness(objects: Sequence[Residuals]) -> float:
 def images_of(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator) -> Floats32:
     """As :func:`activetouch.perception.contacts.images.images` in one state, of few pixels, without torch."""
     number, samples = len(reached), imaging.samples
-    seen = pressures(imaging, reached, rng.uniform(*imaging.force, number), state)
+    force = rng.uniform(*imaging.force, number)
+    if imaging.described is not None:
+        return _of_taxels(imaging, reached, force, state, rng)
+    seen = pressures(imaging, reached, force, state)
     rows, columns = np.round(state.shift[0] * samples).astype(int)
     if rows or columns:
         moved = np.zeros((number, 3 * samples, 3 * samples), np.float32)
@@ -154,6 +157,21 @@ def images_of(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.r
     if imaging.dead is not None:
         dead = np.minimum(dead + binned(imaging.dead[None].astype(np.float32), shown)[0], 1.0)
     return binned(noisy * (1.0 - dead) * (1.0 - stuck) + stuck, min(_EDGE, shown)).astype(np.float32)
+
+
+def _of_taxels(
+    imaging: Imaging, reached: Floats32, force: Floats, state: SensorState, rng: np.random.Generator
+) -> Floats32:
+    """:func:`_images` of the taxels of a described pad."""
+    from activetouch.perception.described_pads import from_state  # other pads do not need them
+    from activetouch.rendering.response import respond
+
+    pad, taxels = imaging.description, imaging.description.taxels
+    seen = pressures(imaging, reached + taxels.face(imaging.samples).astype(np.float32), force, state)
+    felt = taxels.mean(seen * (imaging.pad.stiffness * imaging.pad.max_depth / pad.full_scale)) * taxels.normals[:, 0]
+    numbers = {name: np.repeat(value, len(reached)) for name, value in from_state(pad, state).items()}
+    readings = respond(taxels, felt.astype(np.float32), numbers, rng, pad.is_relative, pad.dead)
+    return binned(taxels.shown(readings), min(_EDGE, taxels.raster)).astype(np.float32)
 
 
 def pressures(imaging: Imaging, reached: Floats32, force: Floats, state: SensorState) -> Floats32:
@@ -201,7 +219,8 @@ def _indentation(gap: Floats32, load: Floats, deepest: float) -> Floats32:
 
 
 def binned(maps: Floats32, edge: int) -> Floats32:
-    """Means of square blocks: images of ``edge`` pixels along an edge."""
-    n = maps.shape[-1] // edge
-    maps = maps[:, : n * edge, : n * edge]
+    """Images of ``edge`` pixels along an edge: means of square blocks, or of parts of pixels where these do not fit."""
+    n, rest = divmod(maps.shape[-1], edge)
+    if rest:
+        return regridded(maps, edge)
     return maps if n == 1 else maps.reshape(-1, edge, n, edge, n).mean(axis=(2, 4))

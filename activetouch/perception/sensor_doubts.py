@@ -7,7 +7,8 @@ where a shape is probable, whether presses of what is believed look like it
 
 In doubt, the listed states of the sensor are weighed; what is then believed is pressed in the likeliest of them. If
 that does not look like what was felt, changes of this state are composed, one at a time, as long as each explains the
-touches better than a penalty costs.
+touches better than a penalty costs. The pads that a description allows are weighed from the first touch, and nothing is
+composed.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorStat
 from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
 from activetouch.perception.proportions import OtherProportions
 from activetouch.perception.reader import TactileReader
-from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds, in_unknown_state, with_changes
+from activetouch.perception.sensor_worlds import EmbeddedWorlds, in_unknown_state, listed_states, with_changes
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.scene import Scene
@@ -123,6 +124,11 @@ class SensorDoubts:
         assert fields is not None, "a reader of any object"
         return Imaging.from_fields(fields)
 
+    @property
+    def _is_of_pad(self) -> bool:
+        """Whether a file describes the pad: then the states are all that it allows, and are weighed from the start."""
+        return self.imaging.described is not None
+
     @cached_property
     def described(self) -> SensorState:
         """The state that the scene describes."""
@@ -130,7 +136,7 @@ class SensorDoubts:
 
     @cached_property
     def _listed(self) -> tuple[tuple[str, ...], SensorState]:
-        labels, states = changed_worlds(self.imaging, self.described)
+        labels, states = listed_states(self.imaging, self.scene)
         return labels, _joined(self.described, states)
 
     @property
@@ -273,7 +279,7 @@ class SensorDoubts:
             return Explanation(log_likelihoods, str(health), _BLANK)
         inferred = [one.inferred for one in objects]
         found = self._checked(objects, inferred, log_likelihoods, health, self._listed[1])
-        if found.log_unexplained < _UNEXPLAINED:
+        if found.log_unexplained < _UNEXPLAINED or self._is_of_pad:
             return found
         for composed in self._composed(objects, int(health.probs[:-1].argmax())):
             evidence = [self._in_composed(one, composed.model) for one in objects]
@@ -395,9 +401,9 @@ class SensorDoubts:
 def doubted(model: ArrayModel, path: Path, scene: Scene) -> ArrayModel:
     """The model of a sensor that doubts its description with the reader of any object in a file.
 
-    A model of other kinds than that of one rigid body is returned as it is.
+    A model of other kinds than that of one rigid body, also in an unknown state, is returned as it is.
     """
-    if not isinstance(model, RigidBodyModel | VariedBodyModel):
+    if not isinstance(model, RigidBodyModel | VariedBodyModel | SensorHealthModel):
         return model
     varied = model.varied if isinstance(model, VariedBodyModel) else None
     return DoubtedSensorModel(

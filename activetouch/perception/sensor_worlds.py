@@ -88,6 +88,14 @@ def with_changes(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) 
     return SensorState(**found)
 
 
+def listed_states(imaging: Imaging, scene: Scene) -> tuple[tuple[str, ...], SensorState]:
+    """States that are weighed beside that of a scene: changed ones, or the pads that a description allows."""
+    if imaging.described is None:
+        return changed_worlds(imaging, sensor_state(imaging, scene))
+    labels, parts = possible_pads(imaging.description)
+    return labels, states_with(parts)
+
+
 @dataclass(frozen=True, eq=False)
 class EmbeddedWorlds:
     """Hypotheses of a scene's objects, ``number`` of each shape, embedded in changed worlds: by pose, at first use."""
@@ -141,9 +149,8 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):
         raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model")
+    labels, states = listed_states(hypotheses.imaging, scene)
+    prior = spread_prior(len(labels))
     if hypotheses.imaging.described is not None:
-        labels, parts = possible_pads(hypotheses.imaging.description)
-        prior, states = spread_prior(len(labels), (1.0 - _UNKNOWN) / (1 + len(labels)), _UNKNOWN), states_with(parts)
-        return SensorHealthModel(described, EmbeddedWorlds(hypotheses, scene, states), labels, prior)
-    labels, states = changed_worlds(hypotheses.imaging, sensor_state(hypotheses.imaging, scene))
-    return SensorHealthModel(described, EmbeddedWorlds(hypotheses, scene, states), labels, spread_prior(len(labels)))
+        prior = spread_prior(len(labels), (1.0 - _UNKNOWN) / (1 + len(labels)), _UNKNOWN)
+    return SensorHealthModel(described, EmbeddedWorlds(hypotheses, scene, states), labels, prior)

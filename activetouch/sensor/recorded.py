@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.errors import LabelMismatch
-from activetouch.sensor.searching import player_of, problem_of, with_misses
+from activetouch.sensor.searching import naming_of, player_of, problem_of, with_misses
 from activetouch.sensor.session_reader import RecordedRowReader
 from activetouch.sensor_files import NOT_SIMULATED, OBSERVATION_FILE, READER_FILE, RECORDED_FILE, fitted_model
 from belief.composition import Composition, Counts
@@ -202,6 +202,27 @@ class RecordedSensor:
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         reader, settings = self.image_reader, with_misses(settings)
         return Session(problem, player, shape, self.model, key, reader=reader, **settings).begun(log)
+
+    def naming(
+        self,
+        decider: str | Decider = "shape_information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        log: str | Path | None = None,
+        **rules: Any,
+    ) -> Session:
+        """A session that says which object it is: touches that a robot makes, until one shape is probable enough.
+
+        After the last action, :attr:`Session.answer` and :attr:`Session.stated` are the name and its probability.
+
+        Args:
+            decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
+            seed: of the decider.
+            log: as of :meth:`session`.
+            rules: ``threshold``, ``max_touches``, ``unlisted``, ``opinion`` and others of
+                :func:`planners.search.naming_session`.
+        """
+        return naming_of(self, decider, seed, log, rules)
 
     @property
     def image_reader(self) -> RecordedRowReader:

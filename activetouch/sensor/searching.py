@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +18,10 @@ from belief.observation_model.model import ArrayModel
 from belief.problem import SearchProblem
 from belief.seeding import checked_key
 from planners import Decider, make_decider
-from planners.session import SessionSettings
+from planners.session import Session, SessionSettings
+
+if TYPE_CHECKING:
+    from activetouch.sensor.protocol import Sensor
 
 
 def problem_of(
@@ -66,3 +71,15 @@ def with_misses(settings: SessionSettings) -> SessionSettings:
     if is_abstaining and settings.get("least_area") is None:
         return {**settings, "least_area": 0.0}
     return settings
+
+
+def naming_of(
+    sensor: Sensor, decider: str | Decider, seed: int | Sequence[int], log: str | Path | None, rules: Mapping[str, Any]
+) -> Session:
+    """A session with a sensor that names one object (:func:`planners.search.naming_session`)."""
+    from planners.search import naming_session  # searches do not need it
+
+    model = sensor.model
+    made = make_decider(decider, model.outcome_table(), model) if isinstance(decider, str) else decider
+    rules = {"least_area": 0.0, "reader": sensor.image_reader, **rules}
+    return naming_session(made, model, sensor.pose_labels, seed, **rules).begun(log)

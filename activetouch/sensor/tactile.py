@@ -123,7 +123,8 @@ class TactileSensor:
             independent: whether to use its model that takes touches as independent given the shape.
             unknown_state: whether the state of the sensor is inferred from its touches: forces, stiffness, noise,
                 broken taxels, a shifted or blurred image, hysteresis. Its reader of any object then reads all scenes.
-                A reader of a described pad always infers where the pad lies in the ranges of its description.
+                A reader of a described pad always infers where the pad lies in the ranges of its description, and
+                doubts that it lies there at all.
                 None: only where touches are odd for the sensor as described, which then reads with its own reader; it
                 needs both readers (:mod:`belief.observation_model.doubted_sensor`).
             nested: whether the belief is about nested cells of orientations, for hundreds of shapes, or how closely
@@ -158,7 +159,8 @@ class TactileSensor:
                 "proportions in the scene (--family), or leave out other_proportions"
             )
         reader = TactileReader.load(path).bound_to(scene)
-        unknown_state = True if plan is None and _is_undecided(reader) else unknown_state  # of a described pad
+        is_of_pad = plan is None and reader.card.described is not None
+        unknown_state = True if is_of_pad else unknown_state
         if plan is not None:
             from activetouch.perception.many_bodies import nested_model
 
@@ -175,10 +177,10 @@ class TactileSensor:
                 from activetouch.perception.proportions import with_other_proportions  # other sensors do not need it
 
                 model = with_other_proportions(model, other, scene)
-            if unknown_state is None:
+            if unknown_state is None or is_of_pad:
                 from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
 
-                model = doubted(model, doubting_file(folder, scene, independent), scene)
+                model = doubted(model, path if is_of_pad else doubting_file(folder, scene, independent), scene)
         if full.moves is not None or isinstance(full.presentation, Inexact):
             from activetouch.perception.moving import moving_model  # other sensors do not need it
 
@@ -419,6 +421,29 @@ class TactileSensor:
         reader = self.image_reader
         return Session(problem, player, shape, self.model, key, reader=reader, **settings).begun(log)
 
+    def naming(
+        self,
+        decider: str | Decider = "shape_information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        log: str | Path | None = None,
+        **rules: Any,
+    ) -> Session:
+        """A session that says which object it is: touches that a robot makes, until one shape is probable enough.
+
+        After the last action, :attr:`Session.answer` and :attr:`Session.stated` are the name and its probability.
+
+        Args:
+            decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
+            seed: of the decider.
+            log: as of :meth:`session`.
+            rules: ``threshold``, ``max_touches``, ``unlisted``, ``opinion`` and others of
+                :func:`planners.search.naming_session`.
+        """
+        from activetouch.sensor.searching import naming_of
+
+        return naming_of(self, decider, seed, log, rules)
+
     @property
     def image_reader(self) -> SensorReader:
         """The reader of the images that a session receives."""
@@ -469,13 +494,3 @@ class TactileSensor:
         made = make_decider(certificate.decider, table, self.model)
         known = {"observation model": self.model, "outcome table": table}
         return certificate.wrap(made, self.certified_world(problem, targets, certificate.decider, made, known))
-
-
-def _is_undecided(reader: TactileReader) -> bool:
-    """Whether a reader is of a pad whose description leaves something open."""
-    entries = reader.card.described
-    if entries is None:
-        return False
-    from activetouch.perception.described_pads import description_of, is_known  # other pads do not need it
-
-    return not is_known(description_of(entries))

@@ -3,7 +3,8 @@
 As long as nothing is odd, the evidence is that of the joint model of one rigid body, to the last bit. Before an answer
 may be given, a :class:`Doubts` is asked about all touches. In doubt, their images are read again under many states of
 the sensor (:class:`~belief.observation_model.sensor_health.SensorHealthModel`), and a component that explains nothing
-takes part with the evidence that no state explains what was felt: under it every shape is equally probable.
+takes part with the evidence that no state explains what was felt: under it every shape is equally probable. A sensor
+whose description leaves its state open is in doubt from the start: its nominal model weighs the states.
 
 A sensor that doubts from the start and finds that its embeddings have the wrong sign:
 
@@ -102,11 +103,12 @@ class DoubtedSensorModel(OfNominal, ArrayModel):
     the nominal model. Samples, tables, predicted outcomes and the file are those of the nominal model.
 
     Attributes:
-        nominal: the sensor as described.
+        nominal: the sensor as described; or in any of the states that its description allows, which are then weighed
+            from the first touch in place of those of the doubts.
         doubts: says when that is doubted, and what may be the matter.
     """
 
-    nominal: RigidBodyModel | VariedBodyModel
+    nominal: RigidBodyModel | VariedBodyModel | SensorHealthModel
     doubts: Doubts
 
     def __post_init__(self) -> None:
@@ -137,18 +139,31 @@ class DoubtedSensorModel(OfNominal, ArrayModel):
         bets, was_doubted, before, told = self._apart(log_bets)
         likely = np.stack([one.nominal.log_likelihood for one in evidence])
         known = DoubtedHealth(bets, was_doubted, before, told, AS_DESCRIBED, tuple(evidence))
-        if not all(one.has_images for one in evidence):
+        have_images = all(one.has_images for one in evidence)
+        is_doubted = self._is_open or (
+            have_images and (was_doubted or self.doubts.are_odd(evidence, known.log_conflict))
+        )
+        if not is_doubted:
             return likely, known
-        if not (was_doubted or self.doubts.are_odd(evidence, known.log_conflict)):
-            return likely, known
-        inferred = [one.inferred for one in evidence]
-        found, health = self.doubts.states().over_objects(inferred, told)
+        found, health = self.states.over_objects([one.inferred for one in evidence], told)
+        if not have_images:
+            return found, DoubtedHealth(bets, True, before, health.log_bets, str(health), tuple(evidence))
         found, words, unexplained = self.doubts.explained(evidence, found, health)
         unexplained += before
         odds = unexplained + np.log(UNEXPLAINED) - np.log1p(-UNEXPLAINED)
         found = found - np.logaddexp.reduce(found, axis=1, keepdims=True) + np.log(found.shape[1])
         mixed = np.logaddexp(found, odds) - np.logaddexp(0.0, odds)
         return mixed, DoubtedHealth(bets, True, unexplained, health.log_bets, words, tuple(evidence))
+
+    @property
+    def _is_open(self) -> bool:
+        """Whether the description leaves the state of the sensor open."""
+        return isinstance(self.nominal, SensorHealthModel)
+
+    @property
+    def states(self) -> SensorHealthModel:
+        """The model with other states of the sensor, which may take a minute to prepare."""
+        return self.nominal if isinstance(self.nominal, SensorHealthModel) else self.doubts.states()
 
     def _apart(self, log_bets: ArrayLike) -> tuple[Floats, bool, float, Floats]:
         """Bets of the conflict test, whether there was doubt, log Bayes factor of the unexplained, bets of states."""
@@ -175,7 +190,7 @@ class DoubtedEvidence(BesideNominal):
     """
 
     model: DoubtedSensorModel
-    nominal: RigidBodyEvidence | VariedEvidence
+    nominal: RigidBodyEvidence | VariedEvidence | SensorEvidence
     touches: tuple[Touch, ...] = ()
 
     def update(self, touch: Touch) -> DoubtedEvidence:
@@ -184,7 +199,7 @@ class DoubtedEvidence(BesideNominal):
         if touch.image is not None:
             if "again" in vars(self):
                 found.__dict__["again"] = (*self.again, self.model.doubts.read_again(touch))
-            if "inferred" in vars(self):
+            if "inferred" in vars(self) and not isinstance(self.nominal, SensorEvidence):
                 found.__dict__["inferred"] = self.inferred.update(found.again[-1])
         if "sums" in vars(self):
             found.__dict__["sums"] = dict(self.sums)
@@ -203,7 +218,9 @@ class DoubtedEvidence(BesideNominal):
     @cached_property
     def inferred(self) -> SensorEvidence:
         """The evidence of these touches in all states of the sensor."""
-        return self.model.doubts.states().start().updated(self.again)
+        if isinstance(self.nominal, SensorEvidence):
+            return self.nominal
+        return self.model.states.start().updated(self.again)
 
     @cached_property
     def kept(self) -> dict[Any, Any]:
@@ -217,7 +234,7 @@ class DoubtedEvidence(BesideNominal):
 
     @property
     def log_likelihood(self) -> Floats:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: if the sensor is as described."""
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: as the nominal model reads the touches."""
         return self.nominal.log_likelihood
 
     @property

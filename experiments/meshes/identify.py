@@ -29,11 +29,9 @@ from experiments.meshes.setting import model_of, plan_of, scene_of, sensor_of
 from experiments.parallel import Shared, run_tasks
 from experiments.report import Picture, Report, Section
 from planners import Decider
-from planners.decider import ProbeSelector, SequentialDecider
 from planners.registry import make_decider
 from planners.search import Identification
 from planners.search import identify as name_first
-from planners.stopping import PosteriorThresholds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -272,7 +270,8 @@ def identify(
     world = _Pressed(sensor, sensor.scene if press is None else scene_of(objects, own))
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(objects)).tolist()
     truths = truths if chosen is None else [chosen] * num_objects
-    shared = Shared((world, _player(decider, sensor)))
+    player = make_decider(decider, sensor.model.outcome_table(), sensor.model) if isinstance(decider, str) else decider
+    shared = Shared((world, player))
     opinion = None if prior is None else read_opinion(prior, sensor.shape_labels, 1)
     tasks = [
         partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, opinion, lies, within)
@@ -292,14 +291,6 @@ def _reads_logits(decider: str | Decider) -> bool:
     return not (isinstance(decider, str) and decider.partition("(")[0] in _BY_EVIDENCE)
 
 
-def _player(decider: str | Decider, sensor: TactileSensor) -> Decider | ProbeSelector:
-    """The decider, or the selector of its poses where posterior thresholds stop it."""
-    made = make_decider(decider, sensor.model.outcome_table(), sensor.model) if isinstance(decider, str) else decider
-    if isinstance(made, SequentialDecider) and isinstance(made.stopping, PosteriorThresholds):
-        return made.probing
-    return made
-
-
 @dataclass(frozen=True, eq=False)
 class _Pressed:
     """Presses objects of a scene that may differ from that of the sensor, which reads the images."""
@@ -312,7 +303,7 @@ class _Pressed:
 
 
 def _name_one(
-    shared: Shared[tuple[_Pressed, Decider | ProbeSelector]],
+    shared: Shared[tuple[_Pressed, Decider]],
     truth: int,
     seed: tuple[int, ...],
     max_touches: int,

@@ -10,7 +10,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from io import BufferedIOBase
 from pathlib import Path
@@ -25,7 +25,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.pad_file import PadDescription, read_pad
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
 from belief.composition import Counts
-from belief.constraints import NotNegative, Probability
+from belief.constraints import Fraction, NotNegative, Probability
 from belief.errors import InvalidArgument, UnknownName
 from belief.journal import array_from
 from belief.opinion import read_opinion
@@ -46,6 +46,8 @@ SCHEMA = "activetouch live 1"
 MOST_BYTES = 1 << 23
 """Longest line that is read."""
 _LONGEST = 600  # message, and other texts
+_OF_SEARCHES = "objects", "composition", "among", "touch_cost", "never_unsure"
+_OF_NAMING = "threshold", "max_touches"
 _DETAILS = ("pose", "force", "area", "place", "height", "step")
 
 
@@ -204,6 +206,28 @@ class Conversation:
         }
 
 
+class NamingConversation(Conversation):
+    """Answers the requests of one session that names an object."""
+
+    def _hello(self, given: dict[str, Any]) -> dict[str, Any]:
+        found = super()._hello(given)
+        return {name: value for name, value in found.items() if name not in ("target", "composition")}
+
+    def _ask(self, given: dict[str, Any]) -> dict[str, Any]:
+        found = super()._ask(given)
+        if found["action"] == "touch":
+            return found
+        named = {"name": self.session.answer, "stated": min(self.session.stated, 1.0)}
+        return {"object": 0, "action": found["action"] and "name", **({} if found["action"] else _ENDED), **named}
+
+    def _state(self, given: dict[str, Any]) -> dict[str, Any]:
+        found = super()._state(given)
+        return found | ({} if found["outcome"] is None else _ENDED)
+
+
+_ENDED = {"outcome": "named"}
+
+
 class TrayConversation(Conversation):
     """Answers the requests of one session in a tray."""
 
@@ -318,6 +342,8 @@ def _numbers(given: Any, name: str) -> Any:
 class Live:
     """Run a search that a robot carries out: questions and answers as lines of JSON on standard input and output.
 
+    Without a target, it says which object is at the pad.
+
     All that is told is on disk before the next question. The same command with the same --log goes on after a crash.
     docs/drive_a_robot.md describes the lines.
 
@@ -325,11 +351,12 @@ class Live:
 
         activetouch live --sensor coarse --target cone --objects 4 --log today.jsonl
         activetouch live --sensor my_sensor --target mug
+        activetouch live --only --meshes mug.obj cup.stl bowl.ply
         activetouch live --scene "drawer(size=(0.3, 0.2))" --sensor coarse --target cone --objects 3
     """
 
-    target: str
-    """Shape to search for."""
+    target: str | None = None
+    """Shape to search for; without it, one object is named."""
     sensor: Path | None = None
     """Folder of a sensor, or name of a shipped one; that of the scene by default."""
     choice: tyro.conf.OmitArgPrefixes[SceneChoice] = field(default_factory=SceneChoice)
@@ -342,8 +369,12 @@ class Live:
     different ones is too large."""
     among: tuple[str, ...] = ()
     """Labels of the sensor that objects can have; all by default."""
-    decider: str = "information_gain"
-    """Decider, as of compare."""
+    decider: str | None = None
+    """Decider, as of compare; by default information_gain, or shape_information_gain where an object is named."""
+    threshold: Fraction = 0.95
+    """Probability at which an object is named, without --target."""
+    max_touches: Count = 16
+    """Touches after which an object is named, without --target."""
     observation_model: Literal["nested"] | None = None
     """nested: orientations are weighed coarse to fine, for hundreds of meshes; the default where they are so many."""
     touch_cost: NotNegative = 0.02
@@ -405,7 +436,8 @@ class Live:
         """The conversation of a session, which may go on."""
         check_arguments(self)
         log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
-        found = self._in_a_tray(log) if self.choice.is_tray else self._of_objects(log)
+        begin = self._in_a_tray if self.choice.is_tray else self._naming if self.target is None else self._of_objects
+        found = begin(log)
         step = found.session.step
         print(f"log: {log}" + f", goes on at step {step}" * bool(step), file=sys.stderr)
         return found
@@ -421,11 +453,37 @@ class Live:
                 "the scene drawer takes --target, --sensor, --meshes, --objects, --decider, --seed and --log"
             )
         sensor = Searches.of(Setting(self.choice, self.sensor, self.objects)).made()
-        decider = "information_per_cost" if self.decider == usual.decider else self.decider
+        decider = self.decider or "information_per_cost"
+        if self.target is None:
+            raise BadArgument(
+                f"say what is searched for in the tray with --target, one of {', '.join(sensor.shape_labels)}"
+            )
         return TrayConversation(sensor.session(self.target, decider, self.seed, log=log), sensor)
+
+    def _naming(self, log: Path) -> Conversation:
+        """The conversation of a session that names an object."""
+        self._require_usual(_OF_SEARCHES, "without --target, one object is named: say a --target, or leave out {given}")
+        sensor = self._open()
+        opinion = None if self.prior is None else read_opinion(self.prior, sensor.shape_labels, 1)
+        rules = {name: getattr(self, name) for name in (*_OF_NAMING, "unlisted", "least_force", "least_area")}
+        rules = {name: value for name, value in rules.items() if value is not None}
+        decider = self.decider or "shape_information_gain"
+        session = sensor.naming(decider, self.seed, log=log, opinion=opinion, **rules)
+        return NamingConversation(session, sensor, self._pad)
+
+    def _require_usual(self, names: Sequence[str], words: str) -> None:
+        """Check that some options have their default."""
+        if given := [f"--{name.replace('_', '-')}" for name in names if getattr(self, name) != getattr(Live, name)]:
+            raise BadArgument(words.format(given=", ".join(given)))
+
+    @property
+    def _pad(self) -> PadDescription | None:
+        return None if self.choice.pad is None else read_pad(self.choice.pad)
 
     def _of_objects(self, log: Path) -> Conversation:
         """The conversation of a search among objects that come one after the other."""
+        assert self.target is not None, "another conversation"
+        self._require_usual(_OF_NAMING, "with --target, the decider decides when to stop: leave out {given}")
         sensor = self._open()
         composition: str | Counts | None = self.composition
         if among := list(dict.fromkeys(self.among)):
@@ -442,7 +500,7 @@ class Live:
         try:
             session = sensor.session(
                 self.target,
-                self.decider,
+                self.decider or "information_gain",
                 self.seed,
                 num_objects=self.objects,
                 composition=composition,
@@ -456,8 +514,7 @@ class Live:
             )
         except OtherModel as error:
             raise OtherModel(f"{error} (was it begun with --unknown-state, another hand, or other meshes?)") from None
-        pad = None if self.choice.pad is None else read_pad(self.choice.pad)
-        return Conversation(session, sensor, pad)
+        return Conversation(session, sensor, self._pad)
 
     def _opinion(self, sensor: TactileSensor | RecordedSensor, composition: str | Counts | None) -> Floats | None:
         """Probabilities of the shapes of each object, if there are any."""

@@ -12,6 +12,7 @@ from activetouch.perception.imaging import SAMPLES, SensorState, imaging_of_pad
 from activetouch.perception.reader import TactileReader, resized
 from activetouch.sensor.any_pad import READER, reader_of_pad, sensor_of_pad
 from activetouch.sensor_files import ANY_OBJECT_FILE, PAD_FILE
+from belief import Probe
 
 SMALL = PadDescription(Taxels.grid(4, 4, 0.005), is_relative=True)
 LONG = PadDescription(Taxels.grid(12, 3, 0.002), is_relative=True)
@@ -103,6 +104,34 @@ def test_a_sensor_of_a_pad_tells_solids_apart(few_hypotheses):
             evidence = evidence.update(touch)
         right += evidence.log_likelihood.argmax() == number % 2
     assert right >= 28
+
+
+def ends(sensor, images_of, seed):
+    """How a search ends whose touches a function of a random generator and the question gives."""
+    rng, session = np.random.default_rng(seed), sensor.session("sphere", num_objects=2, seed=seed)
+    while (asked := session.ask()) is not None:
+        if isinstance(asked, Probe):
+            session.tell(image=images_of(rng, session, asked))
+        else:
+            session.tell()
+    return str(session.outcome)
+
+
+def test_noise_is_no_touch_of_a_pad_that_its_description_allows(few_hypotheses):
+    """Before presses of what is believed were compared, three in ten searches in noise confirmed an object."""
+    scene = SMALL.scene()
+    scene = replace(scene, shapes={name: scene.solids[name] for name in ("sphere", "cube", "cone")})
+    sensor = TactileSensor.load(sensor_of_pad(SMALL), scene)
+    noises = [ends(sensor, lambda rng, *_: SMALL.image(rng.random(16)), seed) for seed in range(12)]
+    assert "confirmed" not in noises
+
+    bodies = [scene.sample_object(shape, np.random.default_rng(3)) for shape in (1, 0)]
+    other = SMALL.scene(scene, np.random.default_rng(5).uniform(size=7))  # a pad that the description allows
+
+    def felt(rng, session, asked):
+        return other.press(bodies[session.object_index], asked.pose, rng).image
+
+    assert ends(sensor, felt, 0) != "unsure"
 
 
 @pytest.mark.torch

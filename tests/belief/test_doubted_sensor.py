@@ -71,6 +71,25 @@ def test_without_a_reason_nothing_changes_and_nothing_is_prepared(rng):
     assert not scene.log_bets[1:].any()
 
 
+def test_a_description_that_leaves_the_state_open_is_weighed_from_the_start(rng):
+    doubts = Doubting(is_odd=False, log_unexplained=-50.0)
+    states = doubts.states()
+    model, touches, prepared = DoubtedSensorModel(states, doubts), touches_of(rng), doubts.prepared
+    check_observation_model(model, rng)
+    scene, weighed = touched(model, touches), touched(states, touches)
+    np.testing.assert_allclose(scene.log_marginals(), weighed.log_marginals(), atol=1e-12)
+    later, after = touched(model, touches[:2], scene.log_bets), touched(states, touches[:2], weighed.log_bets)
+    np.testing.assert_allclose(later.log_marginals(), after.log_marginals(), atol=1e-12)
+    without = [Touch(0, features=touch.features) for touch in touches]
+    np.testing.assert_allclose(touched(model, without).log_marginals(), weighed.log_marginals(), atol=1e-12)
+    assert doubts.prepared == prepared  # no other states are asked for
+    alone, known = model.start().updated(touches), states.start().updated(touches)
+    np.testing.assert_array_equal(alone.log_likelihood, known.log_likelihood)
+    strange = touched(DoubtedSensorModel(states, Doubting(log_unexplained=30.0)), touches)
+    np.testing.assert_allclose(strange.marginals(), 0.5, atol=1e-9)
+    assert strange.log_conflict == 30.0
+
+
 def test_touches_without_an_image_cannot_be_read_again(rng):
     touches = touches_of(rng, image=None)
     scene = touched(DoubtedSensorModel(nominal(), Doubting()), touches)

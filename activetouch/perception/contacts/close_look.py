@@ -169,11 +169,14 @@ class CloseContacts(BodySet):
             alive = [place for place in alive if found[place] > found.max() - look.behind]
         return found, best_cells
 
-    def likely(self, body: int, touches: Sequence[Felt]) -> tuple[Ints, Floats]:
-        """The likeliest cells of level 2 by the views of a body, the best of each wide cell, and log likelihoods."""
+    def likely(self, body: int, touches: Sequence[Felt], number: int | None = None) -> tuple[Ints, Floats]:
+        """The likeliest cells of level 2 by the views of a body, the best of each wide cell, and log likelihoods.
+
+        There are ``number`` of them, by default as many as are examined closely.
+        """
         total = sum(self.view_scores(body, touch)[self.shown(2, touch.pose)] for touch in touches)
         wide = np.reshape(total, (-1, _PARTS))
-        best = np.argsort(-wide.max(axis=1))[: self.look.proposed]
+        best = np.argsort(-wide.max(axis=1))[: self.look.proposed if number is None else number]
         return best * _PARTS + wide[best].argmax(axis=1), wide[best].max(axis=1)
 
     def _scores(self, body: int, step: int, cells: Ints, sizes: Floats, touches: Sequence[Felt]) -> Floats:

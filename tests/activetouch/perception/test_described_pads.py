@@ -137,7 +137,7 @@ def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
         poses={"front": scene.rotations["front"]},
     )
     sensor = TactileSensor.load(tmp_path, few_bodies)
-    assert len(sensor.model.world_labels) == PADS
+    assert len(sensor.model.nominal.world_labels) == PADS
     episode = sensor.search(sensor.shape_labels[0], seed=1, num_objects=2)
     assert episode.steps
     with pytest.raises(WrongScene):

@@ -402,12 +402,18 @@ def test_a_search_among_some_shapes_of_a_scene_believes_in_no_others(tmp_path, c
         ({"among": ("cone", "mug")}, "UnknownName", "unknown shape 'mug'"),
         ({"among": ("cone", "cube"), "objects": 3}, "InvalidArgument", "3 objects cannot come from a bag of 2"),
         ({"among": ("cone", "cube"), "composition": "independent"}, "BadArgument", "--among, for a sensor of a scene"),
+        ({"threshold": 0.8}, "BadArgument", "leave out --threshold"),
+        ({"target": None, "objects": 3, "among": ("cone",)}, "BadArgument", "leave out --objects, --among"),
+        ({"target": None, "prior": "mug=0.5"}, "UnknownName", "mug"),
+        ({"target": None, "scene": "drawer"}, "BadArgument", "--target, one of sphere, cube"),
         ({"log": Path(__file__).parent}, "CorruptFile", "is a folder"),
         ({"log": Path(__file__)}, "CorruptFile", "test_live.py"),
     ],
 )
 def test_an_error_at_the_start_is_one_line_of_json(changes, error, words, tmp_path, capfd, monkeypatch):
     options = {"sensor": Path("coarse"), "target": "cone", "log": tmp_path / "log", **changes}
+    if scene := options.pop("scene", None):
+        options["choice"] = SceneChoice(scene)
     with pytest.raises(ActiveTouchError, match=words):
         lines_of(capfd, monkeypatch, HELLO, **options)
     [line], _ = lines_of.last
@@ -426,6 +432,54 @@ def test_labels_and_compositions_that_a_recorded_sensor_cannot_search_are_said_a
         with pytest.raises(InvalidArgument, match=words):
             lines_of(capfd, monkeypatch, HELLO, **options, **changes)
         assert [line["ok"] for line in lines_of.last[0]] == [False]
+
+
+def test_without_a_target_an_object_is_named_and_a_broken_session_goes_on(tmp_path, capfd, monkeypatch):
+    rng, options = np.random.default_rng(1), {"sensor": Path("coarse"), "log": tmp_path / "log"}
+    body = sensor().scene.sample_object("cylinder", rng)
+
+    def named(stop_after):
+        talk = Live(**options)._begun()
+        assert {"target", "composition"}.isdisjoint(asked(talk, do="hello"))
+        while (question := asked(talk, do="ask"))["action"] == "touch" and stop_after:
+            stop_after -= 1
+            image = sensor().scene.press(body, question["pose"], rng).image
+            assert asked(talk, do="tell", step=question["step"], image=image.tolist())["ok"]
+        return talk, question
+
+    talk, question = named(1)
+    assert question["action"] == "touch"
+    talk.session.close()
+    talk, question = named(20)
+    assert (question["action"], question["name"]) == ("name", "cylinder")
+    assert 0.95 <= question["stated"] <= 1.0
+    assert asked(talk, do="state")["outcome"] is None
+    assert asked(talk, do="tell", step=question["step"], done=True)["ok"]
+    last = asked(talk, do="ask")
+    assert (last["action"], last["outcome"], last["name"], last["stated"]) == (
+        None,
+        "named",
+        "cylinder",
+        question["stated"],
+    )
+    assert asked(talk, do="state")["outcome"] == "named"
+    talk.session.close()
+
+
+def test_noise_is_named_with_little_probability_and_nothing_is_touched_for_ever():
+    rng, session = np.random.default_rng(0), TactileSensor.shipped("coarse", unknown_state=None).naming(max_touches=6)
+    while isinstance(session.ask(), Probe):
+        session.tell(image=rng.integers(256, size=(4, 4)))
+    assert len(session.steps) == 6
+    assert session.stated < 0.95
+
+
+def test_a_sensor_of_recorded_touches_names_objects(tmp_path):
+    known = TactileSensor.load(recorded(tmp_path / "sensor", 6))
+    touches, session = known.model.sample(2, range(len(known.pose_labels)), np.random.default_rng(0)), known.naming()
+    while isinstance(action := session.ask(), Probe):
+        session.tell(touches[action.pose])
+    assert session.answer == known.shape_labels[2]
 
 
 class Quits:
