@@ -466,7 +466,8 @@ class TrayBelief:
             recent = [n for n in range(1, len(cells) + 1) if n + max(1, n // 4) > len(cells) and cells[:n] in doubts]
             if not recent:  # the more touches, the more of them it takes to ask again
                 doubts[cells] = lookalikes.log_factor(self, world.found[place], self.target)
-            doubt = float(np.logaddexp(0.0, math.log(_ALIKE) + doubts[cells[: recent[-1]] if recent else cells]))
+            factor = doubts[cells[: recent[-1]] if recent else cells]
+            doubt = float(np.logaddexp(0.0, math.log(_ALIKE) + factor))
             rest = np.delete(logs, place)
             rest += np.log1p(-prob * math.exp(-doubt)) - np.logaddexp.reduce(rest)
             logs = np.insert(rest, place, logs[place] - doubt)
