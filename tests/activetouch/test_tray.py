@@ -19,7 +19,7 @@ from activetouch.sensor_files import MODELS
 from activetouch.shapes import EXTENDED_SHAPES as SHAPES
 from activetouch.shapes import Box
 from activetouch.solids.mesh import Mesh
-from activetouch.tray.resting import rests
+from activetouch.tray.resting import about_vertical, rests
 from activetouch.tray.sensor import DECIDERS, TraySensor
 from activetouch.tray.world import Lying, Tray, TrayWorld
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
@@ -441,6 +441,32 @@ def test_an_object_of_the_shape_stays_the_target(fine):
         asked, plain = probabilities(fine, 1, 0.016, num_touches)
         assert asked == pytest.approx(plain, abs=0.02)
         assert asked > 0.95
+
+
+def test_a_body_is_fitted_to_its_touches_anywhere_in_a_cell_and_in_any_turn_that_looks_alike(fine):
+    """The cube is turned by 97.3 degrees, and the belief tells turns within 90 apart."""
+    misfits = []
+    for shape, turn, height in ((1, np.radians(97.3), 0.016), (3, 0.0, 0.02)):
+        place = np.array([0.0634, 0.0512, height])
+        world = TrayWorld(fine.scene, fine.tray, [Lying(shape, 1.0, about_vertical(np.array([turn]))[0], place)])
+        world.strangers = fine.strangers
+        session = fine.session("cube")
+        for at in ((0.063, 0.051), (0.078, 0.055), (0.055, 0.064), (0.05, 0.045)):
+            session.tell_met(world.press(*at, np.random.default_rng(1)), at)
+        belief = session.belief
+        one = max(belief.worlds[0].found, key=lambda found: found.touches)
+        misfits.append(belief.lookalikes.misfit(belief, one, 1))
+    assert misfits[0] < 0.5
+    assert misfits[1] > 1.0
+
+
+def test_touches_without_images_are_not_compared(fine):
+    world = TrayWorld(fine.scene, fine.tray, [Lying(1, 1.0, np.eye(3), np.array([0.065, 0.05, 0.016]))])
+    belief = fine.belief("cube")
+    for at in ((0.065, 0.05), (0.08, 0.065)):
+        met = world.press(*at, np.random.default_rng(1))
+        belief = belief.update(PlaceTouch(belief.cell_at(*at), met.height, *fine.read(met.image)))
+    assert set(belief.doubts.values()) == {-np.inf}
 
 
 def test_lookalikes_are_asked_only_where_strangers_are_weighed(fine):

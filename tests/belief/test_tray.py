@@ -261,6 +261,19 @@ def test_an_object_that_may_be_only_like_the_target_is_less_probable_however_muc
         np.testing.assert_array_equal(doubted.weights, after.weights)
 
 
+def test_what_was_said_of_an_object_holds_until_touches_of_it_are_a_quarter_more():
+    given = table(4)
+    at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
+    touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 4.0 * given.embeddings[at])
+    asked = _OnlyLikeIt(-2.0)
+    after = replace(believed(given, num_objects=2, unlisted=0.3), lookalikes=asked)
+    for _ in range(11):
+        after = after.update(touch)
+    by_touches = [touches for _, touches, _ in asked.asked]
+    assert [n for n in by_touches if n >= 4] == [4, 5, 6, 7, 8, 10]
+    assert set(after.doubts.values()) == {-2.0}
+
+
 def test_cells_and_places_agree():
     belief = believed(table())
     for cell in itertools.product(range(4), range(3)):
