@@ -22,7 +22,7 @@ from scipy.special import log_ndtr
 from activetouch.pad_file import PadDescription
 from activetouch.pressing.contact import Pad
 from activetouch.rendering.response import Response, respond
-from activetouch.solids.vectors import Floats, grid_centres
+from activetouch.solids.triangles import Floats, grid_centres
 from belief.columns import read_columns
 from belief.errors import ActiveTouchError, InvalidArgument
 from belief.frozen import FrozenArrays

@@ -22,7 +22,7 @@ from activetouch.solids.library_file import MOST_TRIANGLES, below, xml_root
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import in_metres, read_triangles
 from activetouch.solids.primitives import Box, Capsule, Cylinder, Ellipsoid, Solid, Sphere, hull, joined
-from activetouch.solids.vectors import Floats, Triangles
+from activetouch.solids.triangles import Floats, Triangles
 from belief.files import plain_number, require_regular_file
 
 ROBOTS = (".urdf", ".mjcf", ".xml")

@@ -11,8 +11,7 @@ import scipy  # whose parts load at first use
 from activetouch.poses import Quaternion, hamilton_product, to_matrices
 from activetouch.rotation_cells import centres
 from activetouch.solids.solid import Shape
-from activetouch.solids.triangles import areas
-from activetouch.solids.vectors import Floats, Ints
+from activetouch.solids.triangles import Floats, Ints, areas
 from belief.frozen import FrozenArrays
 
 _ALIKE = 0.02  # root mean square distance of the turned surface from itself [radii]

@@ -133,14 +133,15 @@ class ActiveClassification(FrozenArrays):
         """The task of known probabilities.
 
         Args:
-            probs: p(outcome | action, class), ``(P, K, M)``, or with H contexts of each class ``(P, K, H, M)``.
+            probs: p(outcome | action, class), ``(P, K, M)``, or with H contexts of each class ``(P, K, H, M)``. Actions
+                may have different numbers of outcomes: a list of P arrays.
             classes: names of the K classes; "0", "1", … by default.
             actions: names of the P actions.
             weights: p(context | class), ``(K, H)``; equal by default.
             is_repeatable: whether another try of an action is independent, given class and context.
             settings: as of the class.
         """
-        table = np.asarray(as_real(probs, "probs"), np.float64)
+        table = np.asarray(as_real(_of_equal_length(probs), "probs"), np.float64)
         if table.ndim not in (3, 4):
             raise InvalidArgument(f"probs must be (P, K, M), or with contexts (P, K, H, M), got {table.shape}")
         labels = checked_names("classes", tuple(map(str, range(table.shape[1]))) if classes is None else classes)
@@ -577,6 +578,23 @@ class _Rule:
 
 def _limit(stops: Any, number: int) -> float:
     return float(stops[min(number, len(stops) - 1)])
+
+
+def _of_equal_length(probs: Any) -> Any:
+    """One array of the tables of all actions: those with fewer outcomes than others get some that never come."""
+    if not isinstance(probs, list | tuple) or not len(probs):
+        return probs
+    try:
+        each = [np.asarray(one) for one in probs]
+    except ValueError as error:
+        raise InvalidArgument("probs of an action need as many outcomes for each class, (K, outcomes)") from error
+    if len({one.shape for one in each}) == 1 or min(one.ndim for one in each) < 2:
+        return probs
+    if len({one.shape[:-1] for one in each}) > 1:
+        shapes = ", ".join(str(one.shape) for one in each[:4])
+        raise InvalidArgument(f"probs of all actions need as many classes, (K, outcomes) each, got {shapes}")
+    most = max(one.shape[-1] for one in each)
+    return [np.pad(one, [(0, 0)] * (one.ndim - 1) + [(0, most - one.shape[-1])]) for one in each]
 
 
 def _outcome(touch: Touch) -> int:

@@ -199,6 +199,8 @@ def find_decider(name: str) -> tuple[Any, Reference]:
     if name.startswith(PROCESS):
         command = name.removeprefix(PROCESS)
         return _loaded("planners.process_agent:ProcessAgent"), Reference(name, {"command": command}, True)
+    if name.partition("(")[0].endswith(".zip"):
+        raise BadReference(f"{name} looks like a policy that Stable-Baselines3 saved: name it {PREFIX}{name}")
     found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)
     if given := [setting for setting in reference.settings if setting in _GIVEN]:
         raise BadReference(f"{name}: {given[0]} is no setting; it is passed to every decider")

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from activetouch.solids.triangles import portions
-from activetouch.solids.vectors import frame_across, on_spiral
+from activetouch.solids.triangles import frame_across, on_spiral, portions
 
 _MOST_PAIRS = 1 << 18
 

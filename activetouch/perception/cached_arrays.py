@@ -9,7 +9,8 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 
 _KIND, _NAME = "activetouch-cached-1", "array"
 _ARRAY = ".safetensors"
-_LINE = ContextVar("_LINE", default="")
+_LINE, _IS_SAID = ContextVar("_LINE", default=""), ContextVar("_IS_SAID", default=False)
+_EVERY = 0.5, 60.0  # seconds between two lines on what is done: on a terminal, where they replace each other; elsewhere
 _GEOMETRY = 2  # number of the rules by which shapes become height maps; values made by earlier ones are not read
 T = TypeVar("T")
 
@@ -48,11 +50,28 @@ def cache_folder() -> Path:
 @contextmanager
 def announced(line: str) -> Iterator[None]:
     """Print a line to stderr, once, as soon as something within the block is not in the cache and is computed."""
-    before = _LINE.set(line)
+    line_before, said_before = _LINE.set(line), _IS_SAID.set(False)
     try:
         yield
     finally:
-        _LINE.reset(before)
+        _LINE.reset(line_before)
+        _IS_SAID.reset(said_before)
+
+
+def counted(items: Collection[T], what: str) -> Iterator[T]:
+    """The items, one by one; of a computation that was announced, how many are done is printed to stderr."""
+    begun = last = time.monotonic()
+    is_terminal, width = sys.stderr.isatty(), 0
+    for done, item in enumerate(items, 1):
+        yield item
+        now = time.monotonic()
+        if _IS_SAID.get() and now - last >= _EVERY[not is_terminal]:
+            left = (now - begun) * (len(items) - done) / done
+            words = f"{what}: {done}/{len(items)}, about {left:.0f} s left"
+            width, last = max(width, len(words)), now
+            print(words.ljust(width), end="\r" if is_terminal else "\n", file=sys.stderr, flush=True)
+    if is_terminal and width:
+        print(" " * width, end="\r", file=sys.stderr, flush=True)
 
 
 def cached(
@@ -75,6 +94,7 @@ def cached(
         if line := _LINE.get():
             print(line, file=sys.stderr)
             _LINE.set("")
+            _IS_SAID.set(True)
         found = make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@ from activetouch.pressing.contact import Quasistatic
 from activetouch.pressing.taxels import Taxels
 from activetouch.rendering.response import Response, TaxelRenderer, TaxelResponse
 from activetouch.scene import Scene
-from activetouch.solids.vectors import Floats
+from activetouch.solids.triangles import Floats
 
 PADS = 23
 """Pads, besides the middle one, that stand for all that a description allows."""

@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from activetouch.errors import WrongScene
 from activetouch.orientations import Inexact, Tumbled
-from activetouch.perception.cached_arrays import announced, cached, is_cached, require_name
+from activetouch.perception.cached_arrays import announced, cached, counted, is_cached, require_name
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import CONTACTS_IN_ALL, FEWEST, ContactHypotheses
 from activetouch.perception.contacts.inexact import USUAL, inexact
@@ -204,7 +204,7 @@ def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, strangers:
     rng, logs, number = np.random.default_rng(0xF17), model.cells.log_shares, len(model.shape_labels)
     truths = rng.permutation(np.arange(max(number, plan.pressed)) % number)[: plan.pressed].tolist()
     seen, felt, cases, orders = [], [], [], []
-    for truth in truths:
+    for truth in counted(truths, "objects"):
         obj, belief = scene.sample_object(truth, rng), model.start().belief
         own = inexact(strangers.bodies.solids[truth], plan.tolerance, rng)
         poses = rng.permutation(model.num_poses)[:TOUCHES].tolist()
@@ -259,7 +259,7 @@ def _densities(
     quick = replace(model, bodies=unseen)  # the sums are those of views
     sums = np.zeros((2, len(truths), TOUCHES))
     checks: tuple[list[tuple[int, float]], list[tuple[int, float]]] = ([], [])
-    for row, (truth, poses) in enumerate(zip(truths, orders, strict=True)):
+    for row, (truth, poses) in enumerate(counted(list(zip(truths, orders, strict=True)), "objects, as strangers")):
         evidence, next_check = quick.start(), [0, 0]
         for count, (pose, image, embedding) in enumerate(zip(poses, seen[row], felt[row], strict=True), 1):
             evidence = evidence.update(Touch(pose, features=embedding.astype(float), image=image))

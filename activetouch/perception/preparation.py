@@ -16,7 +16,7 @@ import numpy as np
 
 from activetouch.errors import AlikeShapes, warn_of
 from activetouch.orientations import Inexact
-from activetouch.perception.cached_arrays import cached, require_name
+from activetouch.perception.cached_arrays import cached, counted, require_name
 from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.reader import HypothesisTable, TactileReader, of_grasps
 from activetouch.scene import Scene
@@ -78,7 +78,7 @@ def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tu
     number = int(np.clip(_TOUCHES // (num_shapes * num_poses), _LEAST, _MOST))
     truth = np.repeat(np.arange(num_shapes), number)
     images = []
-    for shape in truth.tolist():
+    for shape in counted(truth.tolist(), "objects"):
         obj = scene.sample_object(shape, rng)
         images += [scene.press(obj, pose, rng).image for pose in range(num_poses)]
     read = reader.read(np.stack(images))

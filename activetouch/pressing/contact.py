@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from activetouch.poses import Placement, to_matrix
 from activetouch.solids.raster import foremost
 from activetouch.solids.solid import Floats, Shape
-from activetouch.solids.vectors import grid_centres
+from activetouch.solids.triangles import grid_centres
 from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Positive, Within, require_rule
 from belief.errors import InvalidArgument
 

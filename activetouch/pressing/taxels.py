@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.solids.vectors import Floats, Ints, grid_centres
+from activetouch.solids.triangles import Floats, Ints, grid_centres
 from belief.constraints import Positive, check
 from belief.errors import InvalidArgument
 from belief.files import array_digest

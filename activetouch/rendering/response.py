@@ -31,7 +31,7 @@ from activetouch.distributions import (
 )
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.taxels import Taxels
-from activetouch.solids.vectors import Floats
+from activetouch.solids.triangles import Floats
 from belief.constraints import Checked, NotNegative, Positive, Probability, Within
 from belief.errors import InvalidArgument
 

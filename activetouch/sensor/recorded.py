@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from activetouch.errors import LabelMismatch
-from activetouch.sensor.searching import naming_of, player_of, problem_of, with_misses
+from activetouch.sensor.searching import Searching
 from activetouch.sensor.session_reader import RecordedRowReader
 from activetouch.sensor_files import NOT_SIMULATED, OBSERVATION_FILE, READER_FILE, RECORDED_FILE, fitted_model
-from belief.composition import Composition, Counts
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import write_text
 from belief.naming import Name, few, index_of, one_line
@@ -22,9 +21,8 @@ from belief.observation_model.action_kernel import ActionKernelModel
 from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng
 from belief.synthetic import SyntheticWorld, sample_arrangement
-from planners import Decider, Episode, Session, search
+from planners import Decider, World
 from planners.certified import Certificate, NotCertified
-from planners.session import SessionSettings
 
 if TYPE_CHECKING:
     from activetouch.recorded.reader import RecordedReader
@@ -34,7 +32,7 @@ _TOUCHES_PER_OBJECT = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RecordedSensor:
+class RecordedSensor(Searching):
     """A sensor whose reader was trained on recorded touches: its images are rows of features, its poses are actions.
 
     No scene simulates it; what needs one raises :class:`~activetouch.errors.WrongScene`.
@@ -144,85 +142,18 @@ class RecordedSensor:
         """The labels that it tells apart."""
         return tuple(self.model.shape_labels)
 
-    def problem(
-        self,
-        num_objects: int | None = None,
-        composition: Composition | Counts | str | None = None,
-        touch_cost: float = 0.02,
-        unlisted: float = 0.0,
-        opinion: ArrayLike | None = None,
-    ) -> SearchProblem:
-        """The rules of a search; by default of up to four different objects."""
-        usual = SearchProblem(self.shape_labels, self.pose_labels, min(4, len(self.shape_labels)))
-        return problem_of(usual, _TOUCHES_PER_OBJECT, num_objects, composition, touch_cost, unlisted, opinion)
+    def _usual(self) -> tuple[SearchProblem, int]:
+        """Of up to four different objects."""
+        return SearchProblem(self.shape_labels, self.pose_labels, min(4, len(self.shape_labels))), _TOUCHES_PER_OBJECT
 
-    def search(
-        self,
-        target: Name,
-        decider: str | Decider = "information_gain",
-        seed: int | Sequence[int] = 0,
-        *,
-        num_objects: int | None = None,
-        composition: Composition | Counts | str | None = None,
-        touch_cost: float = 0.02,
-        unlisted: float = 0.0,
-        opinion: ArrayLike | None = None,
-    ) -> Episode:
-        """Search among objects whose touches are drawn from the observation model, for which it is exact.
+    def _world(self, problem: SearchProblem, key: tuple[int, ...], target: int) -> World:
+        """Objects whose touches are drawn from the observation model; ``activetouch recorded`` has recordings."""
+        return SyntheticWorld(self.model, sample_arrangement(problem, arrangement_rng(key), target))
 
-        ``activetouch recorded`` searches among recordings. See :meth:`Sensor.search`.
-        """
-        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
-        shape, key, player = player_of(problem, self.model, target, decider, seed)
-        world = SyntheticWorld(self.model, sample_arrangement(problem, arrangement_rng(key), shape))
-        return search(world, player, problem, shape, self.model, key)
-
-    def session(
-        self,
-        target: Name,
-        decider: str | Decider = "information_gain",
-        seed: int | Sequence[int] = 0,
-        *,
-        num_objects: int | None = None,
-        composition: Composition | Counts | str | None = None,
-        touch_cost: float = 0.02,
-        unlisted: float = 0.0,
-        opinion: ArrayLike | None = None,
-        log: str | Path | None = None,
-        certificate: str | Path | Certificate | None = None,
-        **settings: Unpack[SessionSettings],
-    ) -> Session:
-        """A search whose touches a robot makes; it reads the rows of features that it receives.
-
-        A certificate is of a sensor with a scene, so that it is refused. See :meth:`Sensor.session`.
-        """
-        if certificate is not None:
-            raise NotCertified(f"certificates are for sensors with a scene; {NOT_SIMULATED}")
-        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
-        shape, key, player = player_of(problem, self.model, target, decider, seed)
-        reader, settings = self.image_reader, with_misses(settings)
-        return Session(problem, player, shape, self.model, key, reader=reader, **settings).begun(log)
-
-    def naming(
-        self,
-        decider: str | Decider = "shape_information_gain",
-        seed: int | Sequence[int] = 0,
-        *,
-        log: str | Path | None = None,
-        **rules: Any,
-    ) -> Session:
-        """A session that says which object it is: touches that a robot makes, until one shape is probable enough.
-
-        After the last action, :attr:`Session.answer` and :attr:`Session.stated` are the name and its probability.
-
-        Args:
-            decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
-            seed: of the decider.
-            log: as of :meth:`session`.
-            rules: ``threshold``, ``max_touches``, ``unlisted``, ``opinion`` and others of
-                :func:`planners.search.naming_session`.
-        """
-        return naming_of(self, decider, seed, log, rules)
+    def _certified(
+        self, problem: SearchProblem, target: int, decider: str | Decider, certificate: Certificate
+    ) -> NoReturn:
+        raise NotCertified(f"certificates are for sensors with a scene; {NOT_SIMULATED}")
 
     @property
     def image_reader(self) -> RecordedRowReader:

@@ -7,10 +7,10 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from activetouch.distributions import Constant
 from activetouch.errors import SceneShift
@@ -20,6 +20,7 @@ from activetouch.perception.cached_arrays import announced
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words, scene_fields
+from activetouch.sensor.searching import Searching
 from activetouch.sensor_files import (
     INDEPENDENT_SUFFIX,
     MODELS,
@@ -33,14 +34,12 @@ from activetouch.sensor_files import (
     require_model,
 )
 from activetouch.world import TouchWorld
-from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.observation_model.model import ArrayModel, GivesLogits
 from belief.problem import SearchProblem, Touch
-from planners import Decider, Episode, Session, make_decider, search
+from planners import Decider, make_decider
 from planners.fingerprint import digest_of, fingerprint
-from planners.session import SessionSettings
 
 if TYPE_CHECKING:
     from activetouch.perception.many_bodies import NestedPlan
@@ -54,7 +53,7 @@ _FEW_CONTACTS = 256  # shapes times poses for which a table of hypotheses is alw
 
 
 @dataclass(frozen=True, eq=False)
-class TactileSensor:
+class TactileSensor(Searching):
     """A scene with the reader trained for it and the observation model fitted to both.
 
     Attributes:
@@ -347,102 +346,15 @@ class TactileSensor:
         model = fingerprint(self.model) if written is None else written({})
         return digest_of([self.reader.digest, self.reader.card.fields(), model])
 
-    def problem(
-        self,
-        num_objects: int | None = None,
-        composition: Composition | Counts | str | None = None,
-        touch_cost: float = 0.02,
-        unlisted: float = 0.0,
-        opinion: ArrayLike | None = None,
-    ) -> SearchProblem:
-        """The rules of a search; by default those of the named scene, or of up to four different objects."""
-        from activetouch.sensor.searching import problem_of
-
+    def _usual(self) -> tuple[SearchProblem, int]:
         hand = self.scene.hand
         known = [one for one in SCENES.values() if self.scene in (one.scene, hand and one.scene.with_hand(hand))]
         named = known[0] if known else as_named(self.scene)
         usual = SearchProblem(self.shape_labels, self.pose_labels, named.num_objects, named.composition)
-        return problem_of(usual, named.touches_per_object, num_objects, composition, touch_cost, unlisted, opinion)
+        return usual, named.touches_per_object
 
-    def search(
-        self,
-        target: Name,
-        decider: str | Decider = "information_gain",
-        seed: int | Sequence[int] = 0,
-        *,
-        num_objects: int | None = None,
-        composition: Composition | Counts | str | None = None,
-        touch_cost: float = 0.02,
-        unlisted: float = 0.0,
-        opinion: ArrayLike | None = None,
-    ) -> Episode:
-        """Search for an object of the target's shape among simulated objects of the scene.
-
-        ``seed=7`` is the first search for this target in ``activetouch compare --seed 7``; the key ``(7, 3, 12)`` is
-        search number 12 for the target with index 3. See :meth:`Sensor.search`.
-        """
-        from activetouch.sensor.searching import player_of
-
-        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
-        shape, key, player = player_of(problem, self.model, target, decider, seed)
-        return search(TouchWorld.of_search(self, problem, key, shape), player, problem, shape, self.model, key)
-
-    def session(
-        self,
-        target: Name,
-        decider: str | Decider = "information_gain",
-        seed: int | Sequence[int] = 0,
-        *,
-        num_objects: int | None = None,
-        composition: Composition | Counts | str | None = None,
-        touch_cost: float = 0.02,
-        unlisted: float = 0.0,
-        opinion: ArrayLike | None = None,
-        log: str | Path | None = None,
-        certificate: str | Path | Certificate | None = None,
-        **settings: Unpack[SessionSettings],
-    ) -> Session:
-        """A search whose touches a robot or another program makes; it reads the images that it receives.
-
-        It asks for what :meth:`search` with the same seed would do, given the same touches, if ``abstain`` is False.
-        See :meth:`Sensor.session`.
-        """
-        from activetouch.sensor.searching import player_of, with_misses
-
-        problem = self.problem(num_objects, composition, touch_cost, unlisted, opinion)
-        shape, key, player = player_of(problem, self.model, target, decider, seed)
-        if certificate is None:
-            settings = with_misses(settings)  # a certificate does not cover them
-        else:
-            from planners.certified import Certificate
-
-            problem = problem.with_unsure()
-            player = self._certified(problem, shape, decider, Certificate.opened(certificate))
-        reader = self.image_reader
-        return Session(problem, player, shape, self.model, key, reader=reader, **settings).begun(log)
-
-    def naming(
-        self,
-        decider: str | Decider = "shape_information_gain",
-        seed: int | Sequence[int] = 0,
-        *,
-        log: str | Path | None = None,
-        **rules: Any,
-    ) -> Session:
-        """A session that says which object it is: touches that a robot makes, until one shape is probable enough.
-
-        After the last action, :attr:`Session.answer` and :attr:`Session.stated` are the name and its probability.
-
-        Args:
-            decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
-            seed: of the decider.
-            log: as of :meth:`session`.
-            rules: ``threshold``, ``max_touches``, ``unlisted``, ``opinion`` and others of
-                :func:`planners.search.naming_session`.
-        """
-        from activetouch.sensor.searching import naming_of
-
-        return naming_of(self, decider, seed, log, rules)
+    def _world(self, problem: SearchProblem, key: tuple[int, ...], target: int) -> TouchWorld:
+        return TouchWorld.of_search(self, problem, key, target)
 
     @property
     def image_reader(self) -> SensorReader:

@@ -13,8 +13,17 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.solids.raster import Surface, first_faces
-from activetouch.solids.triangles import are_star_shaped, areas, bodies_of_vertices, edges, tetrahedra
-from activetouch.solids.vectors import Floats, Ints, frame_across, on_spiral
+from activetouch.solids.triangles import (
+    Floats,
+    Ints,
+    are_star_shaped,
+    areas,
+    bodies_of_vertices,
+    edges,
+    frame_across,
+    on_spiral,
+    tetrahedra,
+)
 
 MOST_INSIDE = 0.1
 """Largest share of the rays from outside that may first meet the inside of a surface, through its holes."""

@@ -24,7 +24,7 @@ import numpy as np
 
 from activetouch.errors import BadMesh
 from activetouch.solids.primitives import joined
-from activetouch.solids.vectors import Triangles
+from activetouch.solids.triangles import Triangles
 from belief.files import plain_number, require_regular_file
 
 MOST_BYTES = 256 * 2**20

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from activetouch.solids.vectors import Floats, Ints, frame_across
+from activetouch.solids.triangles import Floats, Ints, frame_across
 
 _ROUNDING = 1e-6  # rounding of the coordinates of a file, relative to the largest
 _PLANE = 1e-3  # distance from its plane up to which a polygon is flat, relative to its extent

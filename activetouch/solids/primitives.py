@@ -18,7 +18,7 @@ import scipy  # whose parts load at first use
 
 from activetouch.solids.raster import Surface
 from activetouch.solids.solid import Geom, Shape, require_lengths
-from activetouch.solids.vectors import Floats, Ints, Triangles
+from activetouch.solids.triangles import Floats, Ints, Triangles
 from belief.validation import require_count
 
 TOLERANCE = 1e-5

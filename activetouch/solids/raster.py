@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from activetouch.solids.triangles import are_star_shaped, normals, portions
-from activetouch.solids.vectors import Floats, Ints
+from activetouch.solids.triangles import Floats, Ints, are_star_shaped, normals, portions
 
 _MOST = 1 << 18  # rows, or pixels, written at a time; limits memory to about 100 MB
 _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in the processor's cache

@@ -7,9 +7,9 @@ from typing import Literal, Protocol
 
 from activetouch.errors import BadMesh
 from activetouch.solids.raster import Surface
-from activetouch.solids.vectors import Floats as Floats
-from activetouch.solids.vectors import Ints as Ints
-from activetouch.solids.vectors import on_spiral as on_spiral
+from activetouch.solids.triangles import Floats as Floats
+from activetouch.solids.triangles import Ints as Ints
+from activetouch.solids.triangles import on_spiral as on_spiral
 from belief.validation import are_finite
 
 FINITE = 1e308

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from activetouch.perception.cached_arrays import cached_array
+from activetouch.perception.cached_arrays import cached_array, counted
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.imaging import Floats32, sensor_state
 from activetouch.scene import Scene
@@ -45,7 +45,7 @@ def pitch(reader: ContactHypotheses) -> float:
 
 def place_table(reader: ContactHypotheses, scene: Scene) -> PlaceTable:
     """The contacts of all shapes of a scene at all offsets, embedded; those in the cache take no time."""
-    parts = [_of_shape(reader, scene, solid) for solid in scene.solids.values()]
+    parts = [_of_shape(reader, scene, solid) for solid in counted(list(scene.solids.values()), "shapes")]
     reach = max(part.shape[1] for part in parts) // 2
     margins = [reach - part.shape[1] // 2 for part in parts]
     every = np.concatenate(

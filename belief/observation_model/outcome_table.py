@@ -25,6 +25,8 @@ def require_distributions(probs: Floats, place: Callable[..., str]) -> None:
     wrong = np.argwhere(~((probs >= 0.0).all(axis=-1) & (np.abs(totals - 1.0) <= SUM_TOLERANCE)))
     for index in wrong[:1].tolist():
         hint = "; divide percentages by 100" * bool(abs(totals[*index] / 100.0 - 1.0) <= SUM_TOLERANCE)
+        if probs.ndim >= 3 and (probs >= 0.0).all() and (np.abs(probs.sum(axis=1) - 1.0) <= SUM_TOLERANCE).all():
+            hint = "; the second axis sums to one, so swap it with the last: np.swapaxes(probs, 1, -1)"
         raise ValueError(f"probs[{place(*index)}] is no distribution over outcomes: {probs[*index].tolist()}{hint}")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from activetouch import TactileSensor
 from activetouch.distributions import Uniform
-from activetouch.errors import MeshWarning
+from activetouch.errors import MeshWarning, SceneShift
 from activetouch.mesh_source import MeshSource, read_files
 from activetouch.named_scenes import SCENES
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
@@ -25,10 +25,11 @@ from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.errors import InvalidArgument
 from belief.observation_model.nested_bodies import NestedBodyModel
-from experiments.sensor_choice import described_sensor, embed_all, num_triangles, view_seconds
+from experiments.sensor_choice import embed_all, num_triangles, sensor_folder, view_seconds
 
 SIZES = (0.97, 1.03)
 """Smallest and largest size of an object, relative to its mesh."""
+_WIDE = {"stiffness": 3.0, "law": 1.5}  # largest by smallest value, above which a pad is not known well
 _MANY = 200  # bodies, above which a touch takes no more time
 # Seconds of one core, roughly, by time.process_time, of 4 to 100 icospheres of 320 to 82 000 triangles with waves:
 _READING = 0.15  # of a megabyte of a file
@@ -54,8 +55,24 @@ def sensor_of(
     if not solids:
         raise InvalidArgument("there are no bodies: give at least one mesh")
     scene, plan = scene_of(solids, sensor), NestedPlan() if plan is None else plan
+    if (pad := pad_of(sensor)) is not None and (wide := _wide_ranges(pad)):
+        warnings.warn(
+            f"the {wide} of this pad may be anything in a wide range, and a belief about many bodies takes the middle: "
+            "fit the pad to presses of a ball first (activetouch pad-fit)",
+            SceneShift,
+            stacklevel=2,
+        )
     embed_all(reader_of(sensor), scene, plan, jobs)
     return TactileSensor.load(folder_of(sensor), scene, nested=plan)
+
+
+def _wide_ranges(pad: Path) -> str:
+    """What a description leaves open by more than a fit to a ball would, in words; empty for nothing."""
+    from activetouch.pad_file import read_pad  # other sensors do not need it
+
+    ranges = read_pad(pad).response.ranges()
+    wide = {name: ranges[name][1] / ranges[name][0] for name in _WIDE}
+    return " and ".join(name for name, ratio in wide.items() if ratio > _WIDE[name])
 
 
 def model_of(sensor: TactileSensor) -> NestedBodyModel:
@@ -100,10 +117,8 @@ def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
 
 
 def folder_of(sensor: str | Path) -> Path:
-    """The folder of a shipped sensor by its name, of another one, or of one for the pad that a file describes."""
-    if (own := described_sensor(Path(sensor))) is not None:
-        return own
-    return MODELS / str(sensor) if (MODELS / str(sensor)).is_dir() else Path(sensor)
+    """The folder of a sensor, as :func:`experiments.sensor_choice.sensor_folder` finds it."""
+    return sensor_folder(Path(sensor), "")
 
 
 def pad_of(sensor: str | Path) -> Path | None:

@@ -113,6 +113,8 @@ class Train:
         """Train to the end of the recipe and write the reader."""
         check_arguments(self)
         require_extra("train")
+        if self.weights is not None and (self.pad is not None or self.recipe in ("pads", "contacts")):
+            raise BadArgument("--weights are of a ConvNeXt, and a reader of any object is none; leave them out")
         if self.pad is not None or self.recipe == "pads":
             from activetouch.perception.described_pads import EXAMPLE  # other readers do not need it
 
@@ -124,8 +126,6 @@ class Train:
             return
         named = named_scene(self.scene)
         if self.recipe == "contacts":
-            if self.weights is not None:
-                raise BadArgument("--weights are of a ConvNeXt, and a reader of any object is none; leave them out")
             out = self.out if self.out is not None else training_folder(f"{self.scene}-contacts")
             claim_folder(out)
             train_any_object(named.scene, out, self.steps, self.change.seed, self.device, self.jobs)

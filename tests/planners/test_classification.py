@@ -345,3 +345,26 @@ def test_costs_may_be_given_by_the_names_of_actions():
     assert task.costs.tolist() == [1.0, 5.0]
     with pytest.raises(ValueError, match="costs by name are of the actions blood, scan, got scan"):
         ActiveClassification.from_probs(probs, ("ill", "well"), ("blood", "scan"), costs={"scan": 5.0})
+
+
+def test_actions_may_have_different_numbers_of_outcomes():
+    two, three = [[0.9, 0.1], [0.2, 0.8]], [[0.5, 0.3, 0.2], [0.1, 0.1, 0.8]]
+    case = ActiveClassification.from_probs([two, three], stop=1.0).start()
+    for action, outcome in enumerate((1, 2)):
+        case.tell(outcome, action=str(action))
+    wanted = np.array([0.1 * 0.2, 0.8 * 0.8])
+    np.testing.assert_allclose(case.belief.probs, wanted / wanted.sum())
+
+
+@pytest.mark.parametrize(
+    ("probs", "words"),
+    [
+        ([[[0.9, 0.1], [0.2, 0.8]], [[0.5, 0.5]]], r"as many classes, \(K, outcomes\) each, got \(2, 2\), \(1, 2\)"),
+        ([[[0.9, 0.1], [0.2, 0.8]], [[0.5, 0.3, 0.2], [0.1, 0.9]]], "as many outcomes for each class"),
+        (np.array([[[0.9, 0.2], [0.1, 0.8]]]), r"swap it with the last: np.swapaxes\(probs, 1, -1\)"),
+        ([], r"probs must be \(P, K, M\)"),
+    ],
+)
+def test_tables_of_another_form_are_refused_with_what_is_wanted(probs, words):
+    with pytest.raises(ValueError, match=words):
+        ActiveClassification.from_probs(probs)

@@ -16,8 +16,7 @@ import scipy  # whose parts load at first use
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.solids.primitives import hull, joined, turned
 from activetouch.solids.raster import Surface
-from activetouch.solids.triangles import tetrahedra
-from activetouch.solids.vectors import Floats, Triangles
+from activetouch.solids.triangles import Floats, Triangles, tetrahedra
 
 _MM = 1e-3
 _ROUND = 64  # corners of what stands for a circle

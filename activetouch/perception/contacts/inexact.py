@@ -9,7 +9,7 @@ import numpy as np
 from activetouch.errors import MeshWarning
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
-from activetouch.solids.vectors import Triangles
+from activetouch.solids.triangles import Triangles
 
 USUAL = 0.01
 """Tolerance by default, in radii of a body."""

@@ -11,7 +11,7 @@ import numpy as np
 from activetouch.pad_file import PadDescription
 from activetouch.perception.described_pads import RANGES
 from activetouch.pressing.taxels import Taxels
-from activetouch.solids.vectors import Floats, grid_centres
+from activetouch.solids.triangles import Floats, grid_centres
 from belief.errors import InvalidArgument
 
 _EDGES, _ACROSS, _FINEST_PITCH = (0.006, 0.064), (2.0, 64.0), 0.0004  # edge of a pad [m], taxels along it, distance [m]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from activetouch.perception import cached_arrays
-from activetouch.perception.cached_arrays import announced, cached_array
+from activetouch.perception.cached_arrays import announced, cached_array, counted
 
 
 @pytest.fixture
@@ -55,6 +55,21 @@ def test_a_damaged_file_is_computed_again_and_mended(cache, damage):
     assert cached_array({}, make)[0, 0] == np.float16(1.1)
     assert make.times == 2
     assert path.read_bytes() == content
+
+
+def test_what_is_announced_says_how_much_is_done(cache, capfd, monkeypatch):
+    monkeypatch.setattr(cached_arrays, "_EVERY", (-1.0, -1.0))
+
+    def make():
+        return np.array([float(item) for item in counted(range(3), "objects")], np.float32)
+
+    cached_array({"of": 1}, make)  # nothing was announced
+    assert capfd.readouterr().err == ""
+    with announced("preparing"):
+        assert cached_array({"of": 2}, make).tolist() == [0.0, 1.0, 2.0]
+        cached_array({"of": 2}, make)
+    lines = capfd.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == ["preparing", *[f"objects: {n}/3" for n in (1, 2, 3)]]
 
 
 def test_files_that_were_exchanged_are_computed_again(cache):

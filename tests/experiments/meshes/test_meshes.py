@@ -11,7 +11,7 @@ import scipy
 import trimesh
 from scipy.special import logsumexp
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import PadDescription, Response, TactileSensor, Taxels, TouchWorld
 from activetouch.distributions import Uniform
 from activetouch.errors import MeshWarning, WrongScene
 from activetouch.mesh_source import labelled_sources
@@ -522,3 +522,14 @@ def test_other_meshes_may_be_pressed_than_those_that_are_named(folder, tmp_path)
         assert naming.truth == (UNLISTED if row["body"] == "rod" else list(found.sensor.shape_labels).index("cube"))
         assert row["right"] == (row["named"] == row["body"])
     assert not any(row["right"] for row in rows if row["body"] == "rod")
+
+
+def test_a_pad_that_is_hardly_known_is_said_to_be_taken_in_the_middle(tmp_path):
+    taxels, path = Taxels.grid(4, 4, 0.005), tmp_path / "mine.toml"
+    for ranges, words in (
+        ({}, "stiffness and law"),
+        ({"stiffness": [5e7, 1e8]}, "law"),
+        ({"stiffness": [5e7, 1e8], "law": [0.9, 1.1]}, ""),
+    ):
+        PadDescription(taxels, Response.of(ranges)).save(path)
+        assert setting_module._wide_ranges(path) == words

@@ -394,6 +394,7 @@ def test_a_search_among_some_shapes_of_a_scene_believes_in_no_others(tmp_path, c
     [
         ({"target": "mug"}, "UnknownName", "unknown target 'mug'"),
         ({"decider": "nobody"}, "UnknownName", "unknown decider"),
+        ({"decider": "mine.zip"}, "BadReference", "name it sb3:mine.zip"),
         ({"objects": 5}, "InvalidArgument", "5 objects cannot all differ"),
         ({"objects": 0}, "BadArgument", "--objects"),
         ({"touch_cost": float("nan")}, "BadArgument", "--touch-cost"),

@@ -92,6 +92,7 @@ def test_a_convnext_starts_from_a_folder_of_weights_and_its_reader_says_so(data,
     [
         ({"weights": "imagenet"}, "--weights are of a ConvNeXt, and the backbone 'cnn' is none; add --backbone tiny"),
         ({"weights": "imagenet", "recipe": "contacts"}, "a reader of any object is none; leave them out"),
+        ({"weights": "imagenet", "recipe": "pads"}, "a reader of any object is none; leave them out"),
         ({"input_size": 7}, ("--input-size", "got 7", "1, 2, 4")),
         ({"backbone": "atto", "input_size": 16}, ("--input-size", "at least 32", "got 16")),
         ({"backbone": "grid_cnn", "input_size": 16}, ("--input-size", "at least 17", "got 16")),
