@@ -459,18 +459,19 @@ class TrayBelief:
         assert world.log_answers is not None, "of a likely world"
         logs, asked = world.log_answers, set[int]()
         while (place := int(logs.argmax())) < len(world.found) and place not in asked:
-            if (prob := float(np.exp(logs[place]))) < _CHECKED:
+            rest = np.delete(logs, place)
+            prob, others = float(np.exp(logs[place])), float(np.logaddexp.reduce(rest))
+            if prob < _CHECKED or others == -np.inf:  # or it must be the target
                 break
             asked.add(place)
             cells = tuple(world.found[place].cells)
             recent = [n for n in range(1, len(cells) + 1) if n + max(1, n // 4) > len(cells) and cells[:n] in doubts]
             if not recent:  # the more touches, the more of them it takes to ask again
                 doubts[cells] = lookalikes.log_factor(self, world.found[place], self.target)
-            factor = doubts[cells[: recent[-1]] if recent else cells]
-            doubt = float(np.logaddexp(0.0, math.log(_ALIKE) + factor))
-            rest = np.delete(logs, place)
-            rest += np.log1p(-prob * math.exp(-doubt)) - np.logaddexp.reduce(rest)
-            logs = np.insert(rest, place, logs[place] - doubt)
+            odds = math.log(_ALIKE) + doubts[cells[: recent[-1]] if recent else cells]  # of being only like it
+            freed = logs[place] - np.logaddexp(0.0, -odds)
+            rest += np.logaddexp(others, freed) - others
+            logs = np.insert(rest, place, logs[place] - np.logaddexp(0.0, odds))
         return replace(world, log_answers=logs)
 
     def _kept_apart(self, new: Found, world: World) -> Found | None:

@@ -261,6 +261,16 @@ def test_an_object_that_may_be_only_like_the_target_is_less_probable_however_muc
         np.testing.assert_array_equal(doubted.weights, after.weights)
 
 
+def test_what_must_be_the_target_is_not_doubted():
+    given = table(4)
+    at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
+    touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 4.0 * given.embeddings[at])
+    certain = replace(believed(given, num_objects=1, unlisted=0.3), present=1.0, lookalikes=_OnlyLikeIt(4.0))
+    after = certain.update(touch)
+    assert after.answers(after.worlds[0]).found[0] == 1.0
+    assert not after.doubts
+
+
 def test_what_was_said_of_an_object_holds_until_touches_of_it_are_a_quarter_more():
     given = table(4)
     at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
