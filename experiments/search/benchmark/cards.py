@@ -22,6 +22,7 @@ from experiments.search.benchmark.submission import PlayedBatch, batches_of
 from experiments.search.comparison import prepared
 from experiments.search.play import EPISODES_PER_BATCH, Setting
 from experiments.search.run import Run
+from experiments.search.verdict import failure_sentence
 from planners import Decider
 from planners.fingerprint import files_digest
 from planners.registry import DECIDERS
@@ -136,18 +137,21 @@ class Card(Checked):
         run = prepared(self.rules, deciders, targets=self.targets, episodes=self.episodes, seed=self.seed, jobs=jobs)
         return run if seed is None else replace(run, searches=replace(run.searches, seed=seed))
 
-    def play(self, name: str, player: Decider | str, jobs: int, seed: int | None = None) -> list[PlayedBatch]:
-        """All batches, played by an agent; arguments as of :meth:`run`, which says what it raises."""
+    def play(
+        self, name: str, player: Decider | str, jobs: int, seed: int | None = None
+    ) -> tuple[list[PlayedBatch], str]:
+        """All batches, played by an agent, and why it failed, in words; arguments and errors as of :meth:`run`."""
         if self.tray is None:
             run = self.run({name: player}, jobs, seed)
             run.play(jobs)
-            return [*batches_of(run, name)]
+            played = [*batches_of(run, name)]
+            return [batch for batch, _ in played], failure_sentence(name, [one for _, some in played for one in some])
         self.require_sensor()
         self.tray.made.belief(0)  # which prepares what all processes share
         seed = self.seed if seed is None else seed
         tasks = [partial(self.tray.batch, seed, target, numbers, player) for target, numbers in self.batches()]
         found = {(batch.target, batch.first): batch for batch in run_tasks(tasks, jobs, "searching in trays")}
-        return [found[target, numbers.start] for target, numbers in self.batches()]
+        return [found[target, numbers.start] for target, numbers in self.batches()], ""
 
     def require_sensor(self) -> None:
         """Raise BadArgument if this installation has another sensor than the task."""

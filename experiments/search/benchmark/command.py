@@ -93,14 +93,15 @@ class Benchmark:
     def _play(self, agent: str, hidden: HiddenSeeds | None) -> None:
         card = Card.named(self.task)
         require_writable_file(self.out)
-        play(card, agent, self.words, hidden, self.jobs).save(self.out)
-        print(*tables(check([self.out], 0.0, hidden)), f"wrote {self.out}", sep="\n\n")
+        submission, why = play(card, agent, self.words, hidden, self.jobs)
+        submission.save(self.out)
+        print(*tables(check([self.out], 0.0, hidden)), *filter(None, [why]), f"wrote {self.out}", sep="\n\n")
 
 
 def play(
     card: Card, agent: str, words: str = "", hidden: HiddenSeeds | None = None, jobs: int | None = None
-) -> Submission:
-    """Play all searches of a task with an agent, which is named as on the command line.
+) -> tuple[Submission, str]:
+    """Play all searches of a task with an agent, which is named as on the command line; and why it failed, in words.
 
     Args:
         card: the task.
@@ -124,11 +125,11 @@ def play(
             print("this machine has no unshare: the agent keeps its network", file=sys.stderr)
     jobs = default_jobs() if jobs is None else jobs
     started = time.perf_counter()
-    batches = card.play(name, player, jobs, None if hidden is None else hidden.seed(card))
+    batches, why = card.play(name, player, jobs, None if hidden is None else hidden.seed(card))
     elapsed = time.perf_counter() - started
     seeds = DEVELOPMENT if hidden is None else hidden.digest
     about = (FORMAT, card.name, card.digest, name, words, seeds, code_versions(), processor())
-    return Submission(Header(*about, jobs, elapsed), batches)
+    return Submission(Header(*about, jobs, elapsed), batches), why
 
 
 def listed(cards: list[Card]) -> Table:

@@ -184,15 +184,15 @@ def _parsed(line: str) -> Any:
     return json.loads(line, parse_constant=refuse)
 
 
-def batches_of(run: Run, name: str) -> Iterable[PlayedBatch]:
-    """The finished searches of a decider in a run, batch by batch."""
+def batches_of(run: Run, name: str) -> Iterable[tuple[PlayedBatch, list[Episode]]]:
+    """The finished searches of a decider in a run, batch by batch: what a file keeps of them, and all."""
     labels = tuple(run.searches.problem.shape_labels)
     for (decider, target), key in run.keys.items():
         if decider == name:
             for _, batch in sorted(run.folder.held((decider, target), key).items()):
                 episodes = [read_episode(line, labels) for line in batch.lines]
                 first = episodes[0].seed[-1]
-                yield PlayedBatch(target, first, batch.seconds, tuple(map(Played.of, episodes)))
+                yield PlayedBatch(target, first, batch.seconds, tuple(map(Played.of, episodes))), episodes
 
 
 @lru_cache(maxsize=1)

@@ -107,6 +107,12 @@ def test_honest_files_pass_and_the_table_tells_agents_apart_or_not(honest, capsy
     assert small == 26
 
 
+def test_the_command_says_why_an_agent_fails(small, tmp_path, capsys):
+    Benchmark(agent=CARELESS, task="small-v1", out=tmp_path / "a.gz", jobs=1).run()
+    failed = sum(not search.success for search in Submission.load(tmp_path / "a.gz").searches)
+    assert f"Why {CARELESS} fails in {failed}: " in capsys.readouterr().out
+
+
 def test_a_small_share_plays_a_batch_again(honest):
     entries = [check([honest[CARELESS]], share=1e-9, jobs=1)[0].replayed for _ in range(2)]
     assert entries == [13, 13]  # one of two batches
