@@ -15,10 +15,10 @@ share one intensity over rows and places.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -36,6 +36,8 @@ _STRAY = 1e-4  # probability that an object is not met although it is hit, or me
 _ODD, _TALL = 0.02, 0.05  # share of heights that are odd, and the range of heights [m]
 _MEETS = 0.7  # probability that a touch near an object of none of the shapes meets it
 _DEAD = 1e-3  # weight of a world, relative to the largest, below which it is dropped
+_CHECKED = 0.9  # probability of being the target from which it is asked whether an object is only like it
+_ALIKE = 0.1  # prior odds of that
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +149,16 @@ class PlaceTouch(NamedTuple):
         embedding: of its image, ``(D,)``; None for a miss.
         level: log p(image | some body), up to the constant of the image that the products of embeddings have, times
             the scale of the noise; by default that of the bodies which the touch may have met.
+        image: that the embedding is of, where a :class:`Lookalikes` compares it.
+        place: of the touch [m]; by default the middle of the cell.
     """
 
     cell: tuple[int, int]
     height: float = 0.0
     embedding: NDArray[np.floating] | None = None
     level: float | None = None
+    image: NDArray[np.uint8] | None = None
+    place: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -193,7 +199,7 @@ class Found:
 
     Attributes:
         first: number of the touch that met it first.
-        cells: of the touches that met it.
+        met: the touches that met it.
         row, x, y: of each hypothesis, ``(n,)``.
         base: log of prior times likelihood of heights, ``(n,)``.
         sums: log likelihood ratios of its images, ``(n,)``.
@@ -204,7 +210,7 @@ class Found:
     """
 
     first: int
-    cells: tuple[tuple[int, int], ...]
+    met: tuple[PlaceTouch, ...]
     row: Ints
     x: Ints
     y: Ints
@@ -218,7 +224,12 @@ class Found:
     @property
     def touches(self) -> int:
         """Number of touches that met it."""
-        return len(self.cells)
+        return len(self.met)
+
+    @property
+    def cells(self) -> list[tuple[int, int]]:
+        """Of the touches that met it."""
+        return [touch.cell for touch in self.met]
 
     def news(self, cells: ArrayLike, pitch: float) -> Floats:
         """Share of a touch in each of these cells ``(c, 2)`` that does not repeat the touches before it, ``(c,)``."""
@@ -294,6 +305,13 @@ class Answers(NamedTuple):
     absent: float
 
 
+class Lookalikes(Protocol):
+    """Weighs whether a found object is of a shape, or only like it."""
+
+    def log_factor(self, belief: TrayBelief, one: Found, shape: int) -> float:
+        """Log Bayes factor of "it is only like it" of a found object that is taken for a shape."""
+
+
 @dataclass(frozen=True, eq=False)
 class TrayBelief:
     """The belief about N objects in a tray of which at most one has the target's shape.
@@ -308,10 +326,12 @@ class TrayBelief:
         most_worlds: assignments that are kept.
         separate: whether objects do not overlap.
         unlisted: probability that an object which is not the target has none of the shapes.
+        lookalikes: is asked about objects that are probably the target; None for no such question.
         intensity: prior of row and place of an object that no touch has met, given its shape, times the probability of
             all touches so far, ``(R, X, Y)``.
         worlds: assignments, the likeliest first.
         pressed: cells of all touches so far.
+        doubts: what ``lookalikes`` said of objects, by the cells of their touches.
     """
 
     table: PlaceTable
@@ -323,9 +343,11 @@ class TrayBelief:
     most_worlds: int = 6
     separate: bool = True
     unlisted: float = 0.0
+    lookalikes: Lookalikes | None = field(default=None, repr=False)
     intensity: Floats32 = field(default=None, repr=False)  # type: ignore[arg-type]
     worlds: tuple[World, ...] = (World(()),)
     pressed: tuple[tuple[int, int], ...] = ()
+    doubts: Mapping[tuple[tuple[int, int], ...], float] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.intensity is None:
@@ -403,7 +425,7 @@ class TrayBelief:
                 parts = row, x[kept], y[kept], base, scores[kept].astype(float)
                 unlisted = math.log(max(of_any, 1e-300)) - math.log(_TALL)
                 shape = self.table.shape_of[row]
-                fresh = Found(self.num_touches, (touch.cell,), *parts, noise, len(self.table.labels), shape, unlisted)
+                fresh = Found(self.num_touches, (touch,), *parts, noise, len(self.table.labels), shape, unlisted)
                 fresh = self._pushed(fresh)
         cache: dict[tuple[int, bool], Found | None] = {}
         worlds: list[World] = []
@@ -421,8 +443,36 @@ class TrayBelief:
                 worlds.append(replace(world, found=(*others, new)))
         after = replace(self, intensity=intensity, pressed=(*self.pressed, touch.cell))
         vars(after)["by_shape"] = np.maximum(self.by_shape - gone, 0.0)  # a sum over all rows takes longer
-        object.__setattr__(after, "worlds", after._likeliest(worlds))
+        likely = after._likeliest(worlds)
+        if self.lookalikes is not None:
+            doubts = dict(self.doubts)
+            likely = tuple(after._doubted(self.lookalikes, world, doubts) for world in likely)
+            object.__setattr__(after, "doubts", doubts)
+        object.__setattr__(after, "worlds", likely)
         return after
+
+    def _doubted(self, lookalikes: Lookalikes, world: World, doubts: dict[tuple[tuple[int, int], ...], float]) -> World:
+        """A world in which objects that are probably the target may be only like it; adds to :attr:`doubts`.
+
+        What is only like it fits its touches as well as the target does, however many they are.
+        """
+        assert world.log_answers is not None, "of a likely world"
+        logs, asked = world.log_answers, set[int]()
+        while (place := int(logs.argmax())) < len(world.found) and place not in asked:
+            rest = np.delete(logs, place)
+            prob, others = float(np.exp(logs[place])), float(np.logaddexp.reduce(rest))
+            if prob < _CHECKED or others == -np.inf:  # or it must be the target
+                break
+            asked.add(place)
+            cells = tuple(world.found[place].cells)
+            recent = [n for n in range(1, len(cells) + 1) if n + max(1, n // 4) > len(cells) and cells[:n] in doubts]
+            if not recent:  # the more touches, the more of them it takes to ask again
+                doubts[cells] = lookalikes.log_factor(self, world.found[place], self.target)
+            odds = math.log(_ALIKE) + doubts[cells[: recent[-1]] if recent else cells]  # of being only like it
+            freed = logs[place] - np.logaddexp(0.0, -odds)
+            rest += np.logaddexp(others, freed) - others
+            logs = np.insert(rest, place, logs[place] - np.logaddexp(0.0, odds))
+        return replace(world, log_answers=logs)
 
     def _kept_apart(self, new: Found, world: World) -> Found | None:
         """A new object, not where a found one is."""
@@ -461,7 +511,7 @@ class TrayBelief:
                 heights = new * (felt.log_own[number] - at_any_height)
                 parts |= {"base": one.base[hits] + at_any_height + heights}
                 parts |= {"sums": one.sums[hits] + new * felt.scores[number]}
-                found = self._pushed(replace(one, **parts, cells=(*one.cells, cell)).pruned())
+                found = self._pushed(replace(one, **parts, met=(*one.met, felt.touch)).pruned())
         cache[key] = found
         return found
 

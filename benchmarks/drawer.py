@@ -51,7 +51,7 @@ class Oracle:
         base = np.log(table.prior[rows])
         return Found(
             met,
-            ((x, y),),
+            (PlaceTouch((x, y)),),
             rows,
             *places,
             base,

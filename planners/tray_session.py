@@ -259,7 +259,7 @@ class TraySession(AskAndTell[TrayTold]):
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
             embedding, level = self.reader.read(image)
             image = np.asarray(image).astype(np.uint8)
-        touch = PlaceTouch(self.belief.cell_at(x, y), float(height or 0.0), embedding, level)
+        touch = self._touch((float(x), float(y)), float(height or 0.0), embedding, level, image)
         rng = self._rng.bit_generator.state
         self._take(TrayTold(self._asked, rng, (float(x), float(y)), touch, image, time.time()))
 
@@ -331,6 +331,18 @@ class TraySession(AskAndTell[TrayTold]):
             self._steps.append(TrayStep(told.place, height, now.target, now.absent, where))
         self._asked = None
 
+    def _touch(
+        self,
+        place: tuple[float, float],
+        height: float,
+        embedding: NDArray[np.floating] | None,
+        level: float | None,
+        image: NDArray[np.uint8] | None,
+    ) -> PlaceTouch:
+        """A touch as the belief takes it: with its image only if something compares that."""
+        touch = PlaceTouch(self.belief.cell_at(*place), height, embedding, level)
+        return touch if self.belief.lookalikes is None else touch._replace(image=image, place=place)
+
     def _fields(self, told: TrayTold) -> dict[str, Any]:
         from belief.journal import array_field
 
@@ -352,9 +364,9 @@ class TraySession(AskAndTell[TrayTold]):
             asked = TrayDecision(action_from(line["asked"]), scores)
         arrays = {name: array_from(line[name]) if name in line else None for name in ("embedding", "image")}
         if "place" in line:
-            x, y = place = (float(line["place"][0]), float(line["place"][1]))
+            place = (float(line["place"][0]), float(line["place"][1]))
             level = None if line["level"] is None else float(line["level"])
-            touch = PlaceTouch(self.belief.cell_at(x, y), float(line["height"]), arrays["embedding"], level)
+            touch = self._touch(place, float(line["height"]), arrays["embedding"], level, arrays["image"])
         found = TrayTold(asked, line["rng"], place, touch, arrays["image"], float(line["time"]))
         if found.kind != line["told"] or (touch is None and (asked is None or isinstance(asked.action, Press))):
             raise ValueError(f"a line says {line['told']!r:.40}, and holds a {found.kind}")

@@ -71,7 +71,7 @@ class PressedBeliefs:
             rows = members == member
             surface, pixel = solids[member].surface, window.edge / window.num_pixels
             maps[rows] = heights(surface, axes[rows], places[rows], pixel, window.num_pixels, np.float32)
-        return _images(imaging, maps, state, rng)
+        return images_of(imaging, maps, state, rng)
 
 
 def compared(images: NDArray[np.uint8], edge: int = _EDGE) -> Floats32:
@@ -130,7 +130,7 @@ def oddness(objects: Sequence[Residuals]) -> float:
     return float(max(both))
 
 
-def _images(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator) -> Floats32:
+def images_of(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator) -> Floats32:
     """As :func:`activetouch.perception.contacts.images.images` in one state, of few pixels, without torch."""
     number, samples = len(reached), imaging.samples
     force = rng.uniform(*imaging.force, number)
@@ -150,8 +150,9 @@ def _images(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.ran
     values, std = binned(seen, shown), float(state.noise[0]) * imaging.noise
     spread = np.full(values.shape, std, np.float32)
     if taxels > samples and std > 0.0:  # the mean of many taxels, whose noise is clipped at zero
-        values, spread = _clipped(values, std, taxels // samples)
-    noisy = np.clip(values + spread * rng.normal(size=values.shape), 0.0, 1.0)
+        values, spread = clipped_noise(values, std, taxels // samples)
+    noise = spread * rng.normal(size=values.shape) if std > 0.0 else np.float32(0.0)
+    noisy = np.clip(values + noise, 0.0, 1.0)
     dead, stuck = (regridded(cells, shown)[0] for cells in (state.dead, state.stuck))
     if imaging.dead is not None:
         dead = np.minimum(dead + binned(imaging.dead[None].astype(np.float32), shown)[0], 1.0)
@@ -195,7 +196,7 @@ def blurred(seen: Floats32, state: SensorState) -> Floats32:
     return np.asarray(weight @ seen @ weight)
 
 
-def _clipped(values: Floats32, std: float, taxels: int) -> tuple[Floats32, Floats32]:
+def clipped_noise(values: Floats32, std: float, taxels: int = 1) -> tuple[Floats32, Floats32]:
     """Mean of taxels whose noise is clipped at zero, ``taxels`` along an edge, and the deviation of this mean."""
     z = values / std
     density, below = np.exp(-z * z / 2.0) / math.sqrt(2.0 * math.pi), ndtr(z)

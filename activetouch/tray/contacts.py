@@ -17,9 +17,8 @@ from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.imaging import Floats32, sensor_state
 from activetouch.scene import Scene
 from activetouch.scene_description import described
-from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
-from activetouch.tray.resting import NUM_TURNS, Rests, about_vertical, rests, seen_from_above
+from activetouch.tray.resting import NUM_TURNS, Rests, about_vertical, heights_above_floor, rests
 from belief.tray import PlaceTable
 
 PITCH = 0.005
@@ -136,9 +135,9 @@ def _seen(
     solid: Shape, resting: Rests, face: int, turns: Floats | NDArray[np.int64], pixel: float, num_pixels: int
 ) -> Floats32:
     """Heights above the floor [m] of a body on a face, from above, in n turns, ``(n, num_pixels, num_pixels)``."""
-    rotations = seen_from_above(about_vertical(np.asarray(turns, float) * _TURN) @ resting.rotations[face])
-    maps = heights(solid.surface, rotations, np.zeros((len(turns), 2)), pixel, num_pixels, np.float32)
-    return np.asarray(maps + np.float32(resting.lifts[face]))
+    rotations = about_vertical(np.asarray(turns, float) * _TURN) @ resting.rotations[face]
+    lifts = np.full(len(turns), resting.lifts[face])
+    return heights_above_floor(solid, rotations, lifts, np.zeros((len(turns), 2)), pixel, num_pixels, np.float32)
 
 
 def _inner_radius(corners: Floats) -> float:

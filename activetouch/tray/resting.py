@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from activetouch.errors import BadMesh
 from activetouch.solids.raster import heights
@@ -89,6 +90,30 @@ def rests(shape: Shape) -> Rests:
 def seen_from_above(rotations: Floats) -> Floats:
     """Rotations to the frame of a pad that looks down, ``(n, 3, 3)``, of those to the frame of a tray."""
     return np.asarray(_UP @ rotations)
+
+
+def heights_above_floor(
+    shape: Shape,
+    turns: Floats,
+    lifts: Floats,
+    places: Floats,
+    pixel: float,
+    num_pixels: int,
+    dtype: DTypeLike = np.float64,
+) -> NDArray[Any]:
+    """Heights of a body above the floor [m], from above, ``(n, num_pixels, num_pixels)``; ``-inf`` beside it.
+
+    Args:
+        shape: the body.
+        turns: rotations to the frame of the tray times size factors, ``(n, 3, 3)``.
+        lifts: height of the body's origin above the floor [m], ``(n,)``.
+        places: of the origin from the middle of the square, along x and y [m], ``(n, 2)``.
+        pixel: its edge [m].
+        num_pixels: along an edge of the square, whose rows go along x.
+        dtype: of the result.
+    """
+    maps = heights(shape.surface, seen_from_above(turns), places[:, ::-1], pixel, num_pixels, dtype)
+    return np.asarray(maps + lifts.astype(dtype)[:, None, None])
 
 
 def about_vertical(angles: Floats) -> Floats:

@@ -27,6 +27,7 @@ from activetouch.sensor.session_reader import checked_image
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.solid import Shape
 from activetouch.tray.contacts import pitch, place_table
+from activetouch.tray.lookalikes import TrayLookalikes
 from activetouch.tray.world import Poke, Tray, TrayWorld
 from belief.errors import UnknownName
 from belief.naming import Name, index_of
@@ -209,7 +210,19 @@ class TraySensor:
         tray = self.tray
         noise = replace(self.noise, push=tray.push)
         prior = tray.num_objects, tray.present
-        return TrayBelief(self.table, tray.size, index, *prior, noise, unlisted=tray.unlisted)
+        belief = TrayBelief(self.table, tray.size, index, *prior, noise, unlisted=tray.unlisted)
+        return replace(belief, lookalikes=self._lookalikes)
+
+    @property
+    def _lookalikes(self) -> TrayLookalikes | None:
+        """What tells objects from those that are only like them, where objects of none of the shapes are weighed.
+
+        Objects that touches move do not lie as one way says, and not every pad has images that can be predicted.
+        """
+        imaging, tray = self._contacts.imaging, self.tray
+        if not tray.unlisted or tray.push or imaging.described is not None:
+            return None
+        return TrayLookalikes(self.scene, imaging, tray.sizes)
 
     def decider(self, decider: str | TrayDecider | ProcessAgent = "information_per_cost") -> TrayDecider:
         """One of :data:`DECIDERS` or ``module:attribute``, with or without settings; ``process:COMMAND``; or an object.

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from activetouch.pressing.contact import elastic_contact
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
-from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
-from activetouch.tray.resting import Rests, about_vertical, rests, seen_from_above
+from activetouch.tray.resting import Rests, about_vertical, heights_above_floor, rests
 from belief.constraints import Checked, Count, NotNegative, Positive, Probability, Within
 from belief.errors import InvalidArgument
 
@@ -152,9 +151,9 @@ class TrayWorld:
         along, across = one.place[0] - x, one.place[1] - y
         if max(abs(along), abs(across)) > solid.bounding_radius * one.scale + pad.half_width:
             return None
-        turns = one.scale * seen_from_above(one.rotation[None])
-        pixel = 2.0 * pad.half_width / pad.num_taxels
-        return heights(solid.surface, turns, np.array([[across, along]]), pixel, pad.num_taxels)[0] + one.place[2]
+        pixel, place = 2.0 * pad.half_width / pad.num_taxels, np.array([[along, across]])
+        turns = one.scale * one.rotation[None]
+        return np.asarray(heights_above_floor(solid, turns, one.place[2:], place, pixel, pad.num_taxels)[0])
 
 
 def _arranged(solids: Sequence[Shape], tray: Tray, shapes: list[int], rng: np.random.Generator) -> list[Lying]:

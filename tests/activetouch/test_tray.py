@@ -19,7 +19,7 @@ from activetouch.sensor_files import MODELS
 from activetouch.shapes import EXTENDED_SHAPES as SHAPES
 from activetouch.shapes import Box
 from activetouch.solids.mesh import Mesh
-from activetouch.tray.resting import rests
+from activetouch.tray.resting import about_vertical, rests
 from activetouch.tray.sensor import DECIDERS, TraySensor
 from activetouch.tray.world import Lying, Tray, TrayWorld
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
@@ -403,6 +403,76 @@ def test_strangers_are_told_from_the_shapes_of_the_files(two):
     assert found.objects[0][0] == "stranger 1"
     assert found.answer == "absent"
     assert found.success
+
+
+@pytest.fixture(scope="module")
+def fine() -> TraySensor:
+    """A fine pad and three shapes, among which a cylinder may stand."""
+    shapes = {name: SHAPES[name] for name in ("sphere", "cube", "torus")}
+    tray = Tray(size=(0.13, 0.1), num_objects=1, present=0.9, unlisted=0.3, sizes=(1.0, 1.0))
+    return TraySensor.shipped("gel", shapes, tray, strangers={"cylinder": SHAPES["cylinder"]})
+
+
+def probabilities(sensor: TraySensor, shape: int, height: float, num_touches: int) -> tuple[float, float]:
+    """That an object is the cube, after touches of its middle and of two corners: with lookalikes, and without."""
+    world = TrayWorld(sensor.scene, sensor.tray, [Lying(shape, 1.0, np.eye(3), np.array([0.065, 0.05, height]))])
+    world.strangers = sensor.strangers
+    found = []
+    for asked in (sensor.belief("cube").lookalikes, None):
+        session = sensor.session("cube")
+        session.belief = replace(session.belief, lookalikes=asked)
+        for aside in (0.0, 0.015, -0.015)[:num_touches]:
+            place = 0.065 + aside, 0.05 + aside
+            session.tell_met(world.press(*place, np.random.default_rng(1)), place)
+        found.append(session.standing.target)
+    return found[0], found[1]
+
+
+def test_a_stranger_that_feels_like_the_target_at_one_touch_is_told_from_it_at_three(fine):
+    first, first_plain = probabilities(fine, 3, 0.02, 1)
+    assert first == pytest.approx(first_plain, abs=0.02)
+    three, three_plain = probabilities(fine, 3, 0.02, 3)
+    assert three_plain > 0.9
+    assert three < 0.2
+
+
+def test_an_object_of_the_shape_stays_the_target(fine):
+    for num_touches in (1, 3):
+        asked, plain = probabilities(fine, 1, 0.016, num_touches)
+        assert asked == pytest.approx(plain, abs=0.02)
+        assert asked > 0.95
+
+
+def test_a_body_is_fitted_to_its_touches_anywhere_in_a_cell_and_in_any_turn_that_looks_alike(fine):
+    """The cube is turned by 97.3 degrees, and the belief tells turns within 90 apart."""
+    misfits = []
+    for shape, turn, height in ((1, np.radians(97.3), 0.016), (3, 0.0, 0.02)):
+        place = np.array([0.0634, 0.0512, height])
+        world = TrayWorld(fine.scene, fine.tray, [Lying(shape, 1.0, about_vertical(np.array([turn]))[0], place)])
+        world.strangers = fine.strangers
+        session = fine.session("cube")
+        for at in ((0.063, 0.051), (0.078, 0.055), (0.055, 0.064), (0.05, 0.045)):
+            session.tell_met(world.press(*at, np.random.default_rng(1)), at)
+        belief = session.belief
+        one = max(belief.worlds[0].found, key=lambda found: found.touches)
+        misfits.append(belief.lookalikes.misfit(belief, one, 1))
+    assert misfits[0] < 0.5
+    assert misfits[1] > 1.0
+
+
+def test_touches_without_images_are_not_compared(fine):
+    world = TrayWorld(fine.scene, fine.tray, [Lying(1, 1.0, np.eye(3), np.array([0.065, 0.05, 0.016]))])
+    belief = fine.belief("cube")
+    for at in ((0.065, 0.05), (0.08, 0.065)):
+        met = world.press(*at, np.random.default_rng(1))
+        belief = belief.update(PlaceTouch(belief.cell_at(*at), met.height, *fine.read(met.image)))
+    assert set(belief.doubts.values()) == {-np.inf}
+
+
+def test_lookalikes_are_asked_only_where_strangers_are_weighed(fine):
+    assert fine.belief("cube").lookalikes is not None
+    for changed in ({"unlisted": 0.0}, {"push": 0.003}):
+        assert replace(fine, tray=replace(fine.tray, **changed)).belief("cube").lookalikes is None
 
 
 def test_the_environment_is_one_of_gymnasium(sensor):

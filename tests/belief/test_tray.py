@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 import belief.tray as tray_module
 from belief.errors import ImpossibleObservation
-from belief.tray import PlaceTable, PlaceTouch, TouchNoise, TrayBelief
+from belief.tray import Found, PlaceTable, PlaceTouch, TouchNoise, TrayBelief
 
 _NOISE = TouchNoise(height=0.002, scale=0.8, drift=0.0, outliers=0.0, repeat=0.0)
 
@@ -190,7 +190,7 @@ def test_a_touch_near_another_one_of_the_object_says_less():
     one = believed(given, 1, noise=noise).update(PlaceTouch((1, 1), 0.02, np.zeros(2))).worlds[0].found[0]
     near = 1.0 - 0.8 * np.exp(-0.5)
     np.testing.assert_allclose(one.news([(1, 1), (2, 1), (3, 2)], 0.01), [0.2, near, 1.0 - 0.8 * np.exp(-2.5)])
-    twice = replace(one, cells=((1, 1), (1, 1)))
+    twice = replace(one, met=(PlaceTouch((1, 1)), PlaceTouch((1, 1))))
     np.testing.assert_allclose(twice.news([(2, 1)], 0.01), near**2)
     touch = PlaceTouch((1, 1), 0.02, np.array([3.0, -2.0]))
     repeats, independent = (
@@ -227,6 +227,61 @@ def test_a_target_that_must_be_there_and_cannot_be_is_an_error():
     impossible = replace(belief, intensity=np.where(given.shape_of[:, None, None] == 0, 0.0, belief.intensity))
     with pytest.raises(ImpossibleObservation, match="impossible for every arrangement"):
         impossible.update(PlaceTouch((1, 1)))
+
+
+class _OnlyLikeIt:
+    """Says the same factor of every object, and which it was asked about."""
+
+    def __init__(self, factor: float) -> None:
+        self.factor, self.asked = factor, []
+
+    def log_factor(self, belief: TrayBelief, one: Found, shape: int) -> float:
+        self.asked.append((belief.target, one.touches, shape))
+        return self.factor
+
+
+def test_an_object_that_may_be_only_like_the_target_is_less_probable_however_much_it_is_like_it():
+    """What is only like it has prior odds of 0.1; the other answers share what the object loses."""
+    given = table(4)
+    at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
+    touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 4.0 * given.embeddings[at])
+    start = believed(given, num_objects=2, unlisted=0.3)
+    after = start.update(touch)
+    probs = after.answers(after.worlds[0])
+    assert 0.8 < probs.found[0] < 1.0
+    assert probs.unfound > 0.0
+    for factor in (-np.inf, 0.0, 4.0):
+        asked = _OnlyLikeIt(factor)
+        doubted = replace(start, lookalikes=asked).update(touch)
+        assert asked.asked[0] == (0, 1, 0)
+        found = doubted.answers(doubted.worlds[0])
+        assert found.found[0] == pytest.approx(probs.found[0] / (1.0 + 0.1 * np.exp(factor)))
+        assert found.found.sum() + found.unfound + found.absent == pytest.approx(1.0)
+        assert found.absent / found.unfound == pytest.approx(probs.absent / probs.unfound)
+        np.testing.assert_array_equal(doubted.weights, after.weights)
+
+
+def test_what_must_be_the_target_is_not_doubted():
+    given = table(4)
+    at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
+    touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 4.0 * given.embeddings[at])
+    certain = replace(believed(given, num_objects=1, unlisted=0.3), present=1.0, lookalikes=_OnlyLikeIt(4.0))
+    after = certain.update(touch)
+    assert after.answers(after.worlds[0]).found[0] == 1.0
+    assert not after.doubts
+
+
+def test_what_was_said_of_an_object_holds_until_touches_of_it_are_a_quarter_more():
+    given = table(4)
+    at = np.flatnonzero((given.contacts.row == 0) & (given.contacts.i == 1) & (given.contacts.j == 1))[0]
+    touch = PlaceTouch((1, 1), float(given.height[0, 1, 1]), 4.0 * given.embeddings[at])
+    asked = _OnlyLikeIt(-2.0)
+    after = replace(believed(given, num_objects=2, unlisted=0.3), lookalikes=asked)
+    for _ in range(11):
+        after = after.update(touch)
+    by_touches = [touches for _, touches, _ in asked.asked]
+    assert [n for n in by_touches if n >= 4] == [4, 5, 6, 7, 8, 10]
+    assert set(after.doubts.values()) == {-2.0}
 
 
 def test_cells_and_places_agree():

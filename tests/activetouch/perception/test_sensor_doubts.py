@@ -9,7 +9,7 @@ import torch
 from activetouch import SCENES, TactileSensor
 from activetouch.perception.contacts.images import binned, images
 from activetouch.perception.imaging import SensorState, imaging_of, sensor_state
-from activetouch.perception.pressed_beliefs import Residuals, _images, oddness
+from activetouch.perception.pressed_beliefs import Residuals, images_of, oddness
 from activetouch.perception.sensor_worlds import changed_worlds
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rendering import StuckTaxels
@@ -38,7 +38,7 @@ def test_pressed_images_are_those_that_readers_are_trained_with(name, rng):
         state = SensorState(*(part[which : which + 1] for part in states))
         random = torch.Generator().manual_seed(0)
         wanted, _ = images(imaging, torch.from_numpy(maps), state, np.zeros(len(maps), int), random)
-        got = _images(imaging, maps, state, rng)
+        got = images_of(imaging, maps, state, rng)
         wanted = binned(wanted, got.shape[-1]).numpy()
         np.testing.assert_allclose(got.mean(axis=0), wanted.mean(axis=0), atol=0.03)
         np.testing.assert_allclose(got.std(axis=0), wanted.std(axis=0), atol=0.03)
