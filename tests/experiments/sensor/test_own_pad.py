@@ -66,7 +66,7 @@ def test_a_sensor_of_a_pad_and_a_scene_without_it_say_what_does_not_fit_and_what
 def test_a_described_pad_needs_no_training(mine, few_hypotheses, monkeypatch, tmp_path):
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
     sensor = open_sensor(None, SceneChoice("coarse", pad=mine))
-    assert len(sensor.model.world_labels) == PADS
+    assert len(sensor.model.nominal.world_labels) == PADS
     assert sensor.search("cube", seed=1, num_objects=2).steps
     box = trimesh.creation.box([0.02, 0.02, 0.01])
     box.export(tmp_path / "plate.stl")
