@@ -162,7 +162,7 @@ def images_of(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.r
 def _of_taxels(
     imaging: Imaging, reached: Floats32, force: Floats, state: SensorState, rng: np.random.Generator
 ) -> Floats32:
-    """:func:`_images` of the taxels of a described pad."""
+    """:func:`images_of` the taxels of a described pad."""
     from activetouch.perception.described_pads import from_state  # other pads do not need them
     from activetouch.rendering.response import respond
 
