@@ -30,7 +30,7 @@ quick: development
 
 # Every shell command of README and docs, with small sizes, and what the tests make smaller: about twenty minutes.
 nightly: development
-	OMP_NUM_THREADS=1 $(BIN)/pytest tests/nightly_commands.py -n 2 --dist loadgroup
+	OMP_NUM_THREADS=1 $(BIN)/pytest tests/nightly_commands.py -n 2
 
 # Types take as long as all other checks together, so these run beside them.
 check: development
