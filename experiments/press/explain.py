@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -22,7 +23,7 @@ from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import ALIKE, near_twins
 from experiments.meshes.setting import model_of, sensor_of
 from experiments.parallel import default_jobs
-from experiments.scene_choice import SceneChoice, command
+from experiments.scene_choice import SceneChoice
 
 _MOST_PAIRS = 12  # of shapes that feel alike, in a list
 
@@ -44,15 +45,24 @@ class Explanation(Tabular):
 
 
 def explain(
-    named: NamedScene, *, name: str = "scene", presses: int = 60, compare: bool = True, jobs: int = 1
+    named: NamedScene,
+    *,
+    name: str = "scene",
+    presses: int = 60,
+    compare: bool = True,
+    jobs: int = 1,
+    pad: Path | None = None,
 ) -> Explanation:
-    """List what a scene models; measure a press, and with ``compare`` find shapes that feel nearly alike."""
+    """List what a scene models; measure a press, and with ``compare`` find shapes that feel nearly alike.
+
+    ``pad`` is the file that describes its pad, if there is one.
+    """
     scene = named.scene
     hidden = latent(scene)
     words = f"The belief about an object holds its shape, {', '.join(hidden)}."
     remarks = [words if hidden else "The belief about an object holds its shape; each touch has its own orientation."]
     if compare:
-        remarks += _alike_words(scene, name, jobs)
+        remarks += _alike_words(scene, name, pad, jobs)
     remarks.append(_cost_words(scene, presses))
     return Explanation(name, inventory(named), remarks)
 
@@ -84,30 +94,31 @@ class Explain:
         """Measure and print."""
         check_arguments(self)
         name = self.choice.scene
-        found = explain(self.choice.named, name=name, presses=self.presses, compare=self.alike, jobs=self.jobs)
+        options: dict[str, Any] = {"presses": self.presses, "compare": self.alike, "jobs": self.jobs}
+        found = explain(self.choice.named, name=name, pad=self.choice.pad, **options)
         console = plain_console()
         print(found.table(), end="\n\n")
         for remark in found.remarks:
             console.print(f"- {remark}")
         if self.choice.pad is not None:
-            train = command("train", pad=self.choice.pad, out=f"sensors/{self.choice.pad.stem}")
-            print(f"- To search with this pad, train a reader for it: {train}")
+            print("- activetouch compare searches with this pad, by the same options.")
         for line in self.choice.left_out:
             print(f"- {line}")
 
 
-def _alike_words(scene: Scene, name: str, jobs: int) -> list[str]:
+def _alike_words(scene: Scene, name: str, described: Path | None, jobs: int) -> list[str]:
     """The pairs of shapes that feel nearly alike to the sensor's reader of any object, from 26 directions."""
     if len(scene.shapes) < 2:
         return []
     if scene.families:
         return [f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary."]
-    if not (MODELS / name / ANY_OBJECT_FILE).is_file():
-        return ["Shapes are not compared: the scene has no sensor that reads any object."]
-    own, parts = SCENES[name].scene, ("pad", "renderer", "hand")
-    if changed := [part for part in parts if getattr(scene, part) != getattr(own, part)]:
-        return [f"Shapes are not compared: the reader of {name} was trained for another {' and '.join(changed)}."]
-    twins = near_twins(model_of(sensor_of(scene.solids, name, jobs=jobs)))
+    if described is None:
+        if not (MODELS / name / ANY_OBJECT_FILE).is_file():
+            return ["Shapes are not compared: the scene has no sensor that reads any object."]
+        own, parts = SCENES[name].scene, ("pad", "renderer", "hand")
+        if changed := [part for part in parts if getattr(scene, part) != getattr(own, part)]:
+            return [f"Shapes are not compared: the reader of {name} was trained for another {' and '.join(changed)}."]
+    twins = near_twins(model_of(sensor_of(scene.solids, described or name, jobs=jobs)))
     return [f"{twin}." for twin in twins[:_MOST_PAIRS]] or [
         f"No two shapes feel nearly alike: from 26 directions, a touch favours the true one {np.exp(ALIKE):.1f} times "
         f"or more against any other ({ALIKE} nats)."
@@ -155,6 +166,11 @@ def inventory(named: NamedScene) -> list[Item]:
         Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
         Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
         Item(pad.num_taxels**2, "points of the pad", f"one height each, {spacing:.2f} mm apart"),
+        *(
+            []
+            if pad.layout is None
+            else [Item(len(pad.layout.normals), "taxels", "each the mean of its part of the pad")]
+        ),
         Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
     ]
     if scene.hand is not None:

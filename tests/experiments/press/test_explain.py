@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from activetouch import SCENES, Quasistatic, Scene
+from activetouch import SCENES, PadDescription, Quasistatic, Response, Scene, Taxels
 from activetouch.distributions import Constant
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
@@ -92,11 +92,11 @@ def test_explain_names_shapes_that_feel_nearly_alike(monkeypatch, capsys):
         assert words in text
     assert len(printed.splitlines()) < 45
     twins.clear()
-    [none] = explain._alike_words(COARSE.scene, "coarse", 1)
+    [none] = explain._alike_words(COARSE.scene, "coarse", None, 1)
     assert none.endswith(
         "from 26 directions, a touch favours the true one 2.2 times or more against any other (0.8 nats)."
     )
-    assert "no sensor that reads any object" in explain._alike_words(COARSE.scene, "paper", 1)[0]
+    assert "no sensor that reads any object" in explain._alike_words(COARSE.scene, "paper", None, 1)[0]
 
 
 @pytest.mark.parametrize("name", ["coarse", "gel", "hard"])
@@ -104,15 +104,17 @@ def test_shapes_are_compared_by_the_reader_of_the_scene_alone(name, monkeypatch)
     for part in ("near_twins", "sensor_of", "model_of"):
         monkeypatch.setattr(explain, part, lambda *given, **named: [])
     scene = SCENES[name].scene
-    assert "feel nearly alike" in explain._alike_words(scene, name, 1)[0]
-    [words] = explain._alike_words(SceneChoice(name, hand="parallel").named.scene, name, 1)
+    assert "feel nearly alike" in explain._alike_words(scene, name, None, 1)[0]
+    [words] = explain._alike_words(SceneChoice(name, hand="parallel").named.scene, name, None, 1)
     assert words == f"Shapes are not compared: the reader of {name} was trained for another hand."
 
 
-def test_of_a_described_pad_explain_says_how_to_train_a_reader(tmp_path, capsys):
-    (tmp_path / "two.toml").write_text("[grid]\nrows = 1\ncolumns = 2\npitch_mm = 6.0\n")
-    Explain(SceneChoice(pad=tmp_path / "two.toml"), presses=1).run()
-    printed = capsys.readouterr().out
-    assert "feel nearly alike" not in printed
-    assert "the reader of gel was trained for another pad and renderer." in " ".join(printed.split())
-    assert f"activetouch train --pad {tmp_path}/two.toml --out sensors/two" in printed
+def test_shapes_are_compared_on_a_described_pad(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    known = Response.of({"stiffness": 5e7, "law": 1.0})
+    PadDescription(Taxels.grid(4, 4, 0.005), known, is_relative=True).save(path)
+    Explain(SceneChoice(pad=path), presses=2, jobs=1).run()
+    said = " ".join(capsys.readouterr().out.split())
+    assert "16 taxels" in said
+    assert "feel nearly alike" in said
+    assert "activetouch compare searches with this pad" in said
