@@ -16,6 +16,7 @@ from experiments.command_line.arguments import BadArgument, Trust
 from experiments.meshes.setting import reader_of, scene_of
 from experiments.press.touch import TouchCommand
 from experiments.scene_choice import SceneChoice, choice_name
+from experiments.search.page import story
 from experiments.sensor.pad_fit import PadFitCommand
 from experiments.sensor_choice import open_sensor
 
@@ -67,7 +68,9 @@ def test_a_described_pad_needs_no_training(mine, few_hypotheses, monkeypatch, tm
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
     sensor = open_sensor(None, SceneChoice("coarse", pad=mine))
     assert len(sensor.model.nominal.world_labels) == PADS
-    assert sensor.search("cube", seed=1, num_objects=2).steps
+    episode = sensor.search("cube", seed=1, num_objects=2)
+    told = story(sensor, sensor.problem(2), "", episode)  # of a report: what was felt, and bodies as believed
+    assert any(name for name, *_, picture in told["panels"][0]["bars"] if picture is not None)
     box = trimesh.creation.box([0.02, 0.02, 0.01])
     box.export(tmp_path / "plate.stl")
     scene = scene_of(read_meshes(tmp_path), mine)
