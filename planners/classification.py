@@ -207,6 +207,8 @@ class ActiveClassification(FrozenArrays):
         The threshold falls with the number of actions: early it pays to be sure, late only cases are left that more
         actions hardly decide. It is Φ(a n^-b) after n - 1 actions, with the best of some a and b.
 
+        A certificate is of its stops, so that the new task has none.
+
         Args:
             error_cost: cost of a wrong answer, in the unit of the costs.
             num_cases: drawn from the model.

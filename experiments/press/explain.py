@@ -166,11 +166,7 @@ def inventory(named: NamedScene) -> list[Item]:
         Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
         Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
         Item(pad.num_taxels**2, "points of the pad", f"one height each, {spacing:.2f} mm apart"),
-        *(
-            []
-            if pad.layout is None
-            else [Item(len(pad.layout.normals), "taxels", "each the mean of its part of the pad")]
-        ),
+        *(Item(len(each.normals), "taxels", "means of parts of the pad") for each in [pad.layout] if each is not None),
         Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
     ]
     if scene.hand is not None:

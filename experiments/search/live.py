@@ -437,11 +437,8 @@ class Live:
     def _begun(self) -> Conversation:
         """The conversation of a session, which may go on."""
         check_arguments(self)
-        log = (
-            self.log
-            if self.log is not None
-            else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}-{os.getpid()}.jsonl")
-        )
+        usual = f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}-{os.getpid()}.jsonl"
+        log = Path(usual) if self.log is None else self.log
         begin = self._in_a_tray if self.choice.is_tray else self._naming if self.target is None else self._of_objects
         found = begin(log)
         step = found.session.step
