@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -114,3 +116,18 @@ def test_stops_by_the_rule_that_arrays_promise_are_as_rarely_wrong_on_new_object
         broken += any((is_wrong & stops).sum(axis=0) > 0.1 * stops.sum(axis=0))
     assert broken <= 5  # at most 0.1 of them break the promise, so more have a probability of 0.01
     assert used == 20
+
+
+@pytest.mark.parametrize(
+    ("stated", "wrong", "words"),
+    [
+        (0.9, 0.0, "at least 144 are needed"),
+        (0.98, 0.02, r"200 would stop where 0\.98 is stated, 4 of them wrongly; 144 stops without error"),
+        (0.98, 0.30, r"200 would stop where 0\.98 is stated, 60 of them wrongly\.$"),
+    ],
+)
+def test_where_nothing_is_promised_the_reason_is_said(stated, wrong, words):
+    number = 60 if wrong == 0.0 else 200
+    is_wrong = np.arange(number) % 50 < 50 * wrong
+    candidates = CandidateStops(np.arange(number), np.ones(number, int), np.full(number, stated), is_wrong, number)
+    assert re.search(words, certified_thresholds(candidates, risk=0.05).note)
