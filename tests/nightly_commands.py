@@ -38,6 +38,7 @@ SMALLER = {
     "identify": {"--objects": 2},
     "find": {"--searches": 2},
     "drawer": {"--objects": 3, "--searches": 2},
+    "replay": {"--number": 1},
     "robustness": {"--searches": 1},
     "tradeoff": {"--episodes": 2},
     "recorded": {"--scenes": 2, "--rounds": 1},
@@ -55,6 +56,7 @@ ELSEWHERE = {
     "activetouch recorded --data sdh2": "needs recordings that are fetched by hand",
     "activetouch train --scene paper --recipe paper": "fetches published weights; the tests read a small checkpoint",
     "python examples/read_images.py": "needs the reader of that training; a test reads with a shipped one",
+    "activetouch compare --scene hard --episodes 1000 --cluster tcp": "needs a cluster; the tests start one",
     "activetouch reproduce --parts table1": "trains for half an hour; the tests train on less",
 }
 if find_spec("ap_gym") is None:
@@ -62,12 +64,17 @@ if find_spec("ap_gym") is None:
     ELSEWHERE |= dict.fromkeys(APGYM, "needs the extra apgym")
 
 
+if find_spec("rerun") is None:
+    ELSEWHERE["activetouch live --target cone --scene coarse --view"] = "needs the extra view"
+
+
 def commands(page: str) -> list[str]:
-    """Lines of the shell blocks of a page, without comments."""
-    lines = [re.sub(r"\s+# .*", "", line).strip() for line in shell_lines((ROOT / page).read_text())]
+    """Lines of the shell blocks of a page, without comments; an empty one where a block begins, in the first folder."""
+    blocks = re.findall(r"```sh\n.*?```", (ROOT / page).read_text(), flags=re.S)
+    lines = [line for block in blocks for line in ["", *shell_lines(block)]]
     if page == PAPER_METHOD:
         lines += [line for *_, cell in METHOD for line in command_lines(cell)]
-    return [line for line in dict.fromkeys(lines) if line and line != "activetouch reproduce"]  # its parts are run
+    return [re.sub(r"\s+# .*", "", line).strip() for line in lines if line != "activetouch reproduce"]  # its parts run
 
 
 def smaller(line: str) -> str:
@@ -86,7 +93,7 @@ def _prepare(folder: Path) -> None:
     """Write into the folder what pages take for granted: a clone, meshes, results, a policy, a style, a pad, logs."""
     rng = np.random.default_rng(0)
     for path in ROOT.iterdir():
-        if path.name in ("README.md", "Makefile", "benchmarks", "tests", "docs", "pyproject.toml"):
+        if path.name in ("README.md", "Makefile", "activetouch", "benchmarks", "tests", "docs", "pyproject.toml"):
             (folder / path.name).symlink_to(path)
     subprocess.run(["cp", "-r", ROOT / "examples", folder / "examples"], check=True)
     (folder / "mujoco_menagerie").symlink_to(ROOT / "tests/fixtures/menagerie")
@@ -126,14 +133,18 @@ def _prepare(folder: Path) -> None:
             session.tell(image=rng.integers(256, size=(4, 4)))
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)])
+@pytest.mark.parametrize("page", [page for page in PAGES if any(commands(page))])
 def test_the_commands_of_a_page_run(page, tmp_path):
-    """All in one folder, in order; `cd` holds for the rest."""
+    """All in one folder, in order; `cd` holds for the rest of a block."""
     _prepare(tmp_path)
+    for name, code in re.findall(r"`(\w+\.py)`[^\n]*\n+```python\n(.*?)```", (ROOT / page).read_text(), flags=re.S):
+        (tmp_path / name).write_text(code)
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "OMP_NUM_THREADS": "1"}
     folder, failed = tmp_path, []
     for line in commands(page):
-        if reason := next((reason for start, reason in ELSEWHERE.items() if line.startswith(start)), ""):
+        if not line:
+            folder = tmp_path
+        elif reason := next((reason for start, reason in ELSEWHERE.items() if line.startswith(start)), ""):
             print(f"not run: {line} ({reason})")
         elif line.startswith("cd "):
             folder = folder / line[3:]
