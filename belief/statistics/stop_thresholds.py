@@ -177,23 +177,23 @@ def certified_thresholds(
     if answers and np.isfinite(chosen).any():
         note = _uncertified(candidates, chosen, answers, least)
     if not np.isfinite(chosen).any():
-        note = _nothing(candidates, risk, least)
+        note = _nothing(candidates, risk, f"{least} without error{' of an answer' * bool(answers)} would be enough")
         if candidates.num_searches < least:
             note = f"Nothing is promised with {candidates.num_searches}: at least {least} are needed, if none is wrong."
     counts = tuple(stops.tolist()), tuple(wrong.tolist())
     return CertifiedThresholds(tuple(chosen.tolist()), *counts, note=note, answers=tuple(answers))
 
 
-def _nothing(candidates: CandidateStops, risk: float, least: int) -> str:
+def _nothing(candidates: CandidateStops, risk: float, enough: str) -> str:
     """Why nothing is promised: what would stop where the promise is nearest, however many touches that takes."""
     nearest = min(_GRID, key=lambda threshold: float(_p_values(candidates, np.full(1, threshold), risk)[0]))
     (stops,), (wrong,) = candidates.counts(np.full(1, nearest))
     if not stops:
         return f"Nothing is promised: of {candidates.num_searches}, none states as much as {min(_GRID):g}."
-    enough = f"; {least} stops without error would be enough" * bool(wrong <= risk * stops)
+    few = f", too few: {enough}" * bool(wrong <= risk * stops)
     return (
         f"Nothing is promised: of {candidates.num_searches}, {stops} would stop where {nearest:g} is stated, {wrong} "
-        f"of them wrongly{enough}."
+        f"of them wrongly{few}."
     )
 
 

@@ -122,7 +122,7 @@ def test_stops_by_the_rule_that_arrays_promise_are_as_rarely_wrong_on_new_object
     ("stated", "wrong", "words"),
     [
         (0.9, 0.0, "at least 144 are needed"),
-        (0.98, 0.02, r"200 would stop where 0\.98 is stated, 4 of them wrongly; 144 stops without error"),
+        (0.98, 0.02, r"200 would stop where 0\.98 is stated, 4 of them wrongly, too few: 144 without error"),
         (0.98, 0.30, r"200 would stop where 0\.98 is stated, 60 of them wrongly\.$"),
     ],
 )
