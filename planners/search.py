@@ -338,12 +338,12 @@ class _Naming:
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
-        if not self.abstains or info.belief.unlisted > info.belief.probs.max():
+        named, _ = likeliest(info.belief)
+        if not self.abstains or named == UNLISTED:
             return self.decider.decide(info, rng)
         from planners.abstaining import Abstaining  # searches do not need it
 
-        likely = replace(info, target=int(info.belief.log_probs.argmax()))
-        return Abstaining(self.decider, promise=self.threshold or 0.0).decide(likely, rng)
+        return Abstaining(self.decider, promise=self.threshold or 0.0).decide(replace(info, target=named), rng)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from activetouch.pad_file import PadDescription, pad_from
 from activetouch.pressing.contact import Quasistatic
 from activetouch.pressing.taxels import Taxels
-from activetouch.rendering.response import Response, TaxelRenderer, TaxelResponse
+from activetouch.rendering.response import Response, TaxelRenderer, TaxelResponse, respond
 from activetouch.scene import Scene
 from activetouch.solids.triangles import Floats
 
@@ -70,6 +70,17 @@ def from_state(pad: PadDescription, state: Any) -> dict[str, Any]:
     found = {name: getattr(state, name) for name in ("law", "threshold", "crosstalk", "gain")}
     blur = state.blur * np.float32(2 * pad.taxels.half_width / pad.taxels.pitch)
     return found | {"blur": blur, "noise": state.noise * np.float32(largest_noise(pad))}
+
+
+def images_of_taxels(
+    pad: PadDescription, pressure: NDArray[np.floating], numbers: Mapping[str, Any], rng: np.random.Generator
+) -> NDArray[np.floating]:
+    """Images ``(n, m, m)`` of pressures over the square ``(n, s, s)``, relative to full scale; m is the raster.
+
+    ``numbers`` are those of the response (:func:`from_state`), each ``(n,)``.
+    """
+    felt = pad.taxels.mean(pressure) * pad.taxels.normals[:, 0]
+    return pad.taxels.shown(respond(pad.taxels, felt.astype(np.float32), numbers, rng, pad.is_relative, pad.dead))
 
 
 def numbers_of(pad: PadDescription) -> NDArray[np.float32]:

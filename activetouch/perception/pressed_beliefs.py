@@ -163,15 +163,13 @@ def _of_taxels(
     imaging: Imaging, reached: Floats32, force: Floats, state: SensorState, rng: np.random.Generator
 ) -> Floats32:
     """:func:`images_of` the taxels of a described pad."""
-    from activetouch.perception.described_pads import from_state  # other pads do not need them
-    from activetouch.rendering.response import respond
+    from activetouch.perception.described_pads import from_state, images_of_taxels  # other pads do not need it
 
-    pad, taxels = imaging.description, imaging.description.taxels
-    seen = pressures(imaging, reached + taxels.face(imaging.samples).astype(np.float32), force, state)
-    felt = taxels.mean(seen * (imaging.pad.stiffness * imaging.pad.max_depth / pad.full_scale)) * taxels.normals[:, 0]
+    pad = imaging.description
+    seen = pressures(imaging, reached + pad.taxels.face(imaging.samples).astype(np.float32), force, state)
     numbers = {name: np.repeat(value, len(reached)) for name, value in from_state(pad, state).items()}
-    readings = respond(taxels, felt.astype(np.float32), numbers, rng, pad.is_relative, pad.dead)
-    return binned(taxels.shown(readings), min(_EDGE, taxels.raster)).astype(np.float32)
+    shown = images_of_taxels(pad, seen * (imaging.pad.stiffness * imaging.pad.max_depth / pad.full_scale), numbers, rng)
+    return binned(shown, min(_EDGE, pad.taxels.raster)).astype(np.float32)
 
 
 def pressures(imaging: Imaging, reached: Floats32, force: Floats, state: SensorState) -> Floats32:

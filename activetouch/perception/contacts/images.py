@@ -8,9 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from activetouch.perception.described_pads import from_state
+from activetouch.perception.described_pads import from_state, images_of_taxels
 from activetouch.perception.imaging import Imaging, SensorState, regridded
-from activetouch.rendering.response import respond
 
 _BISECTIONS = 18
 _REACH = 4.0  # standard deviations at which a blur ends
@@ -54,11 +53,10 @@ def _of_taxels(
     area = (2 * imaging.pad.half_width / imaging.samples) ** 2
     load = touches.uniform(*imaging.force) * touches.of(states.force) / (stiffness * area)
     pressure = _indentation(gap, load, imaging.pad.max_depth) * (stiffness / pad.full_scale)[:, None, None]
-    felt = pad.taxels.mean(pressure.cpu().numpy()) * pad.taxels.normals[:, 0]
     rng = np.random.default_rng(int(torch.randint(1 << 62, (1,), generator=random, device=random.device)))
     numbers = {name: values[world] for name, values in from_state(pad, states).items()}
-    readings = respond(pad.taxels, felt.astype(np.float32), numbers, rng, pad.is_relative, pad.dead)
-    shown = regridded(pad.taxels.shown(readings).astype(np.float32), imaging.pixels)
+    seen = images_of_taxels(pad, pressure.cpu().numpy(), numbers, rng)
+    shown = regridded(seen.astype(np.float32), imaging.pixels)
     return torch.from_numpy(shown).to(reached.device), hit
 
 
