@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
 from itertools import product
 from numbers import Real
 from typing import Any, cast
@@ -97,10 +98,13 @@ class Family:
 
     def bodies(self, shares: Floats) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
         """At most 64 different members for hypotheses at given shares; see :meth:`activetouch.Scene.bodies`."""
-        members = self.members(_MOST_MEMBERS)
-        given = [members[place] for place in np.floor(shares * _MOST_MEMBERS).astype(int).tolist()]
+        given = [self._hypothetical[place] for place in np.floor(shares * _MOST_MEMBERS).astype(int).tolist()]
         numbers = {member: number for number, member in enumerate(dict.fromkeys(given))}
         return tuple(numbers), np.array([numbers[member] for member in given], np.int64)
+
+    @cached_property
+    def _hypothetical(self) -> tuple[Shape, ...]:
+        return self.members(_MOST_MEMBERS)
 
     def _member(self, values: Iterable[float]) -> Shape:
         """The member with these values of its parameters."""
