@@ -77,10 +77,43 @@ class SmallCNN:
         return nn.Sequential(*layers)
 
 
-BACKBONES: Mapping[str, ConvNeXt | SmallCNN] = MappingProxyType(
+@dataclass(frozen=True)
+class GridConvNeXt:
+    """A ConvNeXt of a few blocks, a dense layer of whose cells joins what is felt where on the pad.
+
+    Stages halve the image, with ``widths`` channels; the last of ``widths`` is the length of the features.
+    """
+
+    widths: tuple[int, ...]
+
+    @property
+    def num_features(self) -> int:
+        """Length of a feature vector."""
+        return self.widths[-1]
+
+    @property
+    def smallest_image(self) -> int:
+        """Edge of the smallest image [pixels]: one for each cell after the last stage."""
+        from activetouch.perception.small_convnext import CELLS
+
+        return (CELLS - 1) * 2 ** (len(self.widths) - 1) + 1
+
+    def build(self, channels: int) -> nn.Module:
+        """The network with random weights: from images ``(B, channels, H, W)`` to features ``(B, num_features)``."""
+        from torch import nn
+
+        from activetouch.perception.small_convnext import CELLS, SmallConvNeXt
+
+        *stages, num_features = self.widths
+        dense = nn.Linear(stages[-1] * CELLS**2, num_features)
+        return nn.Sequential(SmallConvNeXt(channels, tuple(stages)), dense, nn.GELU())
+
+
+BACKBONES: Mapping[str, ConvNeXt | SmallCNN | GridConvNeXt] = MappingProxyType(
     {
         "cnn": SmallCNN((24, 48, 96, 128)),
         "grid_cnn": SmallCNN((24, 48, 96, 128), cells=2),
+        "grid_convnext": GridConvNeXt((24, 48, 96, 128)),
         "atto": ConvNeXt((2, 2, 6, 2), (40, 80, 160, 320)),
         "tiny": ConvNeXt((3, 3, 9, 3), (96, 192, 384, 768)),
     }

@@ -12,12 +12,10 @@ import torch
 from torch import Tensor, nn
 
 from activetouch.perception.imaging import FEW_PIXELS, STATE_SIZE
+from activetouch.perception.small_convnext import CELLS, Averages, SmallConvNeXt
 
 if TYPE_CHECKING:
     from activetouch.perception.contacts.touches import Batch
-
-_CELLS = 4  # cells along the edge, over which the last convolution is averaged
-
 
 class ContactReader(nn.Module):
     """The networks f and h, trained together; ``widths`` are channels of the convolutions of h, ``image_widths`` of f.
@@ -44,8 +42,8 @@ class ContactReader(nn.Module):
             self.images = SmallConvNeXt(2, image_widths)
             self.of_layout = nn.Linear(layout, dense)
         self.contacts = _convolutions(3 if layout else 2, widths)
-        self.of_image = _Head(pixels**2 if is_small else image_widths[-1] * _CELLS**2, dense, embedding)
-        self.of_contact = _Head(widths[-1] * _CELLS**2, dense, embedding)
+        self.of_image = _Head(pixels**2 if is_small else image_widths[-1] * CELLS**2, dense, embedding)
+        self.of_contact = _Head(widths[-1] * CELLS**2, dense, embedding)
         self.of_world, self.of_cell = nn.Linear(state_size, dense), nn.Linear(1, dense, bias=False)
         for given in (self.of_world, self.of_cell):
             nn.init.zeros_(given.weight)
@@ -122,60 +120,7 @@ def _convolutions(channels: int, widths: tuple[int, ...]) -> nn.Sequential:
     layers: list[nn.Module] = []
     for number, (width_in, width_out) in enumerate(zip((channels, *widths), widths, strict=False)):
         layers += [nn.Conv2d(width_in, width_out, 3, stride=2 if number % 2 == 0 else 1, padding=1), nn.GELU()]
-    return nn.Sequential(*layers, _Averages(), nn.Flatten())
-
-
-class SmallConvNeXt(nn.Module):
-    """A small ConvNeXt (Liu et al. 2022) of images ``(B, C, n, n)``.
-
-    Each of the ``widths`` is a stage: a convolution that halves the image, and a block, but for the first. It gives the
-    averages over a grid of cells, ``(B, widths[-1] · 16)``.
-    """
-
-    def __init__(self, channels: int, widths: tuple[int, ...]) -> None:
-        super().__init__()
-        layers: list[nn.Module] = []
-        for width_in, width_out in zip((channels, *widths), widths, strict=False):
-            layers.append(nn.Conv2d(width_in, width_out, 3, stride=2, padding=1))
-            layers.append(_Block(width_out) if layers[1:] else nn.GELU())
-        self.layers = nn.Sequential(*layers, _Averages(), nn.Flatten())
-
-    def forward(self, images: Tensor) -> Tensor:
-        """See the class."""
-        found: Tensor = self.layers(images)
-        return found
-
-
-class _Block(nn.Module):
-    """A block of a ConvNeXt: a convolution of each channel, then dense layers over the channels, as a shortcut."""
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.spatial = nn.Conv2d(width, width, 5, padding=2, groups=width)
-        self.norm = nn.LayerNorm(width)
-        self.wide, self.narrow = nn.Linear(width, 4 * width), nn.Linear(4 * width, width)
-
-    def forward(self, x: Tensor) -> Tensor:
-        seen = self.norm(self.spatial(x).permute(0, 2, 3, 1))
-        found = self.narrow(nn.functional.gelu(self.wide(seen.flatten(0, 2))))
-        return x + found.view(seen.shape).permute(0, 3, 1, 2)
-
-
-class _Averages(nn.Module):
-    """Averages over the cells of a grid, as ``nn.AdaptiveAvgPool2d``, which has no operator in ONNX."""
-
-    def forward(self, x: Tensor) -> Tensor:
-        rows, columns = (_shares(edge, x) for edge in x.shape[-2:])
-        return rows @ x @ columns.T
-
-
-def _shares(edge: int, like: Tensor) -> Tensor:
-    """The matrix that averages an axis of ``edge`` pixels over cells, ``(_CELLS, edge)``."""
-    found = torch.zeros(_CELLS, edge)
-    for cell in range(_CELLS):
-        first, last = cell * edge // _CELLS, -(-(cell + 1) * edge // _CELLS)
-        found[cell, first:last] = 1 / (last - first)
-    return found.to(like)
+    return nn.Sequential(*layers, Averages(), nn.Flatten())
 
 
 def losses(network: ContactReader, batch: Batch, groups: int, bf16: bool) -> tuple[Tensor, Tensor, Tensor]:
