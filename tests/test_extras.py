@@ -170,7 +170,7 @@ def origin(tmp_path, monkeypatch):
     return be
 
 
-FOLDER, FILE = "{clone}", "{clone}/activetouch-0.2.0-py3-none-any.whl"
+FOLDER, FILE = "{clone}", "{clone}/activetouch-0.3.0-py3-none-any.whl"
 GIT = "https://example.org/activetouch.git"
 
 
