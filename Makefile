@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test tests quick nightly check types others docs dist environment development sensor any-object places independent-sensor policies joint-policies figures reproduce submissions zoo clean
+.PHONY: search test tests quick nightly check types others docs dist environment development sensor any-object places independent-sensor convnext-sensor policies joint-policies figures reproduce submissions zoo clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -51,7 +51,7 @@ docs: development
 	$(BUILD_DOCS)
 
 # The wheel and the source archive of a release in dist: what is committed, without readers that are fetched at first use.
-FETCHED := any_pad.safetensors paper-independent/reader.safetensors
+FETCHED := any_pad.safetensors $(addsuffix /reader.safetensors,paper-independent gel-convnext hard many keyed)
 dist:
 	rm -rf build/release && git clone --quiet . build/release
 	cd build/release/activetouch/models && rm $(FETCHED)
@@ -147,7 +147,16 @@ independent-sensor: development
 	$(BIN)/activetouch calibrate --scene paper --reader runs/train-$(INDEPENDENT)/reader.safetensors \
 		--data data/$(INDEPENDENT)-repeats --out activetouch/models/$(INDEPENDENT)
 
-# Its PPO policies, from the same repeated touches.
+# The reader of gel as a small ConvNeXt, of the touches of gel's own reader.
+CONVNEXT := gel-convnext
+convnext-sensor: development
+	$(BIN)/activetouch collect --scene gel $(COLLECT.gel)
+	$(BIN)/activetouch train --scene gel --recipe worn --backbone grid_convnext --jobs 1 --out runs/train-$(CONVNEXT)
+	$(BIN)/activetouch collect --scene gel --plan.train 0 $(REPEATS.gel) --out data/gel-repeats
+	$(BIN)/activetouch calibrate --scene gel --observation-model "rigid body" --data data/gel-repeats \
+		--reader runs/train-$(CONVNEXT)/reader.safetensors --out activetouch/models/$(CONVNEXT)
+
+# PPO policies of paper-independent, from the same repeated touches.
 policies: development
 	$(BIN)/activetouch train-ppo --scene paper --sensor $(INDEPENDENT) --data data/$(INDEPENDENT)-repeats
 	mkdir -p activetouch/models/$(INDEPENDENT)/policies

@@ -45,6 +45,14 @@ FETCHED: Mapping[str, Fetched] = MappingProxyType(
         "paper-independent/reader.safetensors": Fetched(
             "6be2395ec1fe4c6987b056ba3072ade6ab6f0ef61d1869c1f9dc31f05549ea37", 6_799_130
         ),
+        "gel-convnext/reader.safetensors": Fetched(
+            "c26995aa0551ed4364372e18bc5d8cb4fde207dcd3577564580521bbbced77a3", 1_212_377
+        ),
+        "hard/reader.safetensors": Fetched("26aa4da89a842000d378579d699cd81076ea4ffab6448858eca41f99e19780fa", 977_986),
+        "many/reader.safetensors": Fetched("4fc3516d4984dc44598cfb30518e5df4cc62c27ebc6a8e1bedd088ac5c76c7f3", 977_986),
+        "keyed/reader.safetensors": Fetched(
+            "ff69d598fec9ce370a881b5c2c6247585f1179abf13144c93a36910404bb8440", 844_584
+        ),
     }
 )
 """Files below the folder of models that a wheel may lack."""

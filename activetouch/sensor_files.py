@@ -133,6 +133,11 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
     return other if not independent and differs_from_training(read_card(other).imaging, scene) else own
 
 
+def scene_of(name: str) -> str:
+    """Name of the scene of a shipped sensor, such as gel of ``gel-convnext``."""
+    return name.partition("-")[0]
+
+
 def shipped_file(path: Path) -> Path:
     """The file itself, or its copy in the cache if it is a shipped one that this installation lacks."""
     if path.exists():

@@ -15,7 +15,7 @@ from activetouch.extras import missing_package
 from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
-from activetouch.sensor_files import INDEPENDENT_SUFFIX
+from activetouch.sensor_files import scene_of
 from belief.bayes import Belief
 from belief.composition import Composition
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
@@ -316,7 +316,7 @@ class _OneSearch(SearchEpisodes):
 def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) -> Touches:
     """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene."""
     if touches is None:
-        if not isinstance(scene, str) or scene.removesuffix(INDEPENDENT_SUFFIX) not in SCENES:
+        if not isinstance(scene, str) or scene_of(scene) not in SCENES:
             raise UnknownName("scene", str(scene), [*SCENES])
         named = SCENES.get(scene, NamedScene())
         return LiveTouches(TactileSensor.shipped(scene, None if hand is None else named.scene.with_hand(hand)))

@@ -49,6 +49,7 @@ class Averages(nn.Module):
     """Averages over the cells of a grid, as ``nn.AdaptiveAvgPool2d``, which has no operator in ONNX."""
 
     def forward(self, x: Tensor) -> Tensor:
+        """Means ``(B, C, CELLS, CELLS)`` of ``(B, C, n, n)``."""
         rows, columns = (_shares(edge, x) for edge in x.shape[-2:])
         return rows @ x @ columns.T
 

@@ -22,7 +22,6 @@ from activetouch.scene import Scene
 from activetouch.scene_description import in_words, scene_fields
 from activetouch.sensor.searching import Searching
 from activetouch.sensor_files import (
-    INDEPENDENT_SUFFIX,
     MODELS,
     RECORDED_FILE,
     FittedModel,
@@ -32,6 +31,7 @@ from activetouch.sensor_files import (
     is_of_objects,
     other_reader,
     require_model,
+    scene_of,
 )
 from activetouch.world import TouchWorld
 from belief.errors import InvalidArgument, UnknownName
@@ -238,8 +238,9 @@ class TactileSensor(Searching):
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
-            name: of a scene, for the sensor whose belief is about one rigid body; or ``paper-independent``, for the
-                sensor that reads shapes only and takes touches as independent given the shape.
+            name: of a scene, for the sensor whose belief is about one rigid body; ``gel-convnext``, whose reader is a
+                small ConvNeXt; or ``paper-independent``, for the sensor that reads shapes only and takes touches as
+                independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.
             unknown_state: as in :meth:`load`.
@@ -252,8 +253,7 @@ class TactileSensor(Searching):
         known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
         if name not in known:
             raise UnknownName("sensor", name, known)
-        of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
-        scene = SCENES[of_scene].scene if scene is None else scene
+        scene = SCENES[scene_of(name)].scene if scene is None else scene
         options: dict[str, Any] = {"unknown_state": unknown_state, "nested": nested}
         return cls.load(MODELS / name, scene, anyway, **options, other_proportions=other_proportions)
 

@@ -24,7 +24,7 @@ from activetouch import RecordedSensor, TactileSensor
 from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
 from activetouch.pad_file import PadDescription, read_pad
-from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
+from activetouch.sensor_files import RECORDED_FILE, scene_of
 from belief.composition import Counts
 from belief.constraints import Fraction, NotNegative, Probability
 from belief.errors import InvalidArgument, UnknownName
@@ -530,7 +530,7 @@ class Live:
         choice, given = self.choice, self.sensor
         if given is not None and (sensor_folder(given, "") / RECORDED_FILE).exists():
             return TactileSensor.load(sensor_folder(given, ""))
-        of_scene = "" if given is None or given.exists() else str(given).removesuffix(INDEPENDENT_SUFFIX)
+        of_scene = "" if given is None or given.exists() else scene_of(str(given))
         if of_scene in SCENES and choice.scene == SceneChoice.scene:
             choice = replace(choice, scene=of_scene)
         nested = True if self.observation_model == "nested" else None

@@ -17,6 +17,7 @@ from activetouch.perception.small_convnext import CELLS, Averages, SmallConvNeXt
 if TYPE_CHECKING:
     from activetouch.perception.contacts.touches import Batch
 
+
 class ContactReader(nn.Module):
     """The networks f and h, trained together; ``widths`` are channels of the convolutions of h, ``image_widths`` of f.
 
