@@ -46,7 +46,7 @@ FETCHED: Mapping[str, Fetched] = MappingProxyType(
             "6be2395ec1fe4c6987b056ba3072ade6ab6f0ef61d1869c1f9dc31f05549ea37", 6_799_130
         ),
         "gel-convnext/reader.safetensors": Fetched(
-            "c26995aa0551ed4364372e18bc5d8cb4fde207dcd3577564580521bbbced77a3", 1_212_377
+            "6ecdf07a93282f4380f8f75fe0d5098b7c7ea62a32be902348b77337a1f669e0", 1_212_162
         ),
         "hard/reader.safetensors": Fetched("26aa4da89a842000d378579d699cd81076ea4ffab6448858eca41f99e19780fa", 977_986),
         "many/reader.safetensors": Fetched("4fc3516d4984dc44598cfb30518e5df4cc62c27ebc6a8e1bedd088ac5c76c7f3", 977_986),

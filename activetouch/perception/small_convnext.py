@@ -50,6 +50,8 @@ class Averages(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Means ``(B, C, CELLS, CELLS)`` of ``(B, C, n, n)``."""
+        if x.shape[-2:] == (CELLS, CELLS):
+            return x
         rows, columns = (_shares(edge, x) for edge in x.shape[-2:])
         return rows @ x @ columns.T
 
