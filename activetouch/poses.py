@@ -81,6 +81,17 @@ def random_orientation(rng: np.random.Generator) -> Quaternion:
     return quaternion / np.linalg.norm(quaternion)
 
 
+def normalised(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors ``(n, d)`` of length 1, in the same directions."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def slightly_turned(orientations: Quaternion, widths: Any, rng: np.random.Generator) -> Quaternion:
+    """Orientations ``(n, 4)`` after small random turns, of half a width [rad] about each axis; one or ``(n,)``."""
+    small = rng.normal(size=(3, len(orientations))) * (widths / 2)
+    return normalised(np.stack(hamilton_product(orientations.T, (np.ones(len(orientations)), *small)), axis=1))
+
+
 def require_unit(what: str, quaternion: Sequence[float] | Quaternion) -> None:
     """Check that four numbers are a unit quaternion; others would stretch objects."""
     if len(quaternion) != 4 or not abs(math.hypot(*quaternion) - 1.0) <= _UNIT_SLACK:

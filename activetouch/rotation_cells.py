@@ -18,7 +18,7 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.distributions import Floats
-from activetouch.poses import facing, hamilton_product, turn
+from activetouch.poses import facing, hamilton_product, normalised, turn
 from activetouch.solids.solid import on_spiral
 from belief.coarse_to_fine import NestedCells
 from belief.validation import MOST_REPEATED, require_count, require_index
@@ -39,8 +39,7 @@ def _grid(level: int) -> tuple[Floats, Floats]:
     places = (corners + 0.5) / (_COARSEST * 2**level) * 2.0 - 1.0
     points = np.tan(places * (math.pi / 4))  # at equal angles from the middle of the cube
     density = (1.0 + points**2).prod(axis=1) / (1.0 + (points**2).sum(axis=1)) ** 2
-    first = np.column_stack([np.ones(len(points)), points])
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first = normalised(np.column_stack([np.ones(len(points)), points]))
     cubes = [np.stack(hamilton_product(unit, first.T), axis=1) for unit in np.eye(4)]
     return np.concatenate(cubes), np.tile(density, 4)
 

@@ -39,7 +39,7 @@ from belief.bayes import update
 from belief.constraints import MOST_COUNT
 from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.naming import shown
-from belief.validation import Floats, as_real, require_index
+from belief.validation import Floats, as_real, log_sum, require_index
 
 MAX_STATES = 2**20
 """Largest number of multisets in an exact sum, reached by 20 distinct shapes."""
@@ -131,7 +131,7 @@ def prob_shape_absent(
     without[:, shape] = -np.inf if log_strangers is None else relative[:, shape] + np.asarray(log_strangers)
     with np.errstate(divide="ignore"):
         log_total, log_total_without = (
-            _log_sum(_forward(weights, table)[-1] + end, axis=0) for weights in (relative, without)
+            log_sum(_forward(weights, table)[-1] + end, axis=0) for weights in (relative, without)
         )
     return min(float(np.exp(log_total_without - log_total)), 1.0)
 
@@ -160,7 +160,7 @@ def log_at_most_one_marginals(log_weights: ArrayLike, target: int) -> Floats:
     weights = weights - np.maximum(weights.max(axis=1, keepdims=True), -_LARGEST)
     rest = np.where(np.arange(num_shapes) == target, -np.inf, weights)
     with np.errstate(divide="ignore"):  # log of an empty sum is -inf
-        total = _log_sum(rest, axis=1)
+        total = log_sum(rest, axis=1)
     others = total - np.log(num_shapes - 1)
     placed = np.where(np.eye(number + 1, number, dtype=bool), weights[:, target], others)  # place of the target, object
     shift = 2 + number.bit_length()  # so that no sum overflows
@@ -169,8 +169,8 @@ def log_at_most_one_marginals(log_weights: ArrayLike, target: int) -> Floats:
         raise ImpossibleObservation("no place of the target, and none of it, has a positive weight for all objects")
     with np.errstate(divide="ignore", over="ignore"):
         logs = np.ldexp(sums - sums.max(), shift)
-        logs -= _log_sum(logs, axis=0)
-        elsewhere = _log_sum(np.where(np.eye(number, number + 1, dtype=bool), -np.inf, logs), axis=1)
+        logs -= log_sum(logs, axis=0)
+        elsewhere = log_sum(np.where(np.eye(number, number + 1, dtype=bool), -np.inf, logs), axis=1)
         found = elsewhere[:, None] + rest - np.where(np.isfinite(total), total, 0.0)[:, None]
     found[:, target] = logs[:-1]
     return np.asarray(found)
@@ -377,31 +377,23 @@ def _sum_over_arrangements(weights: Floats, bag: tuple[int, ...]) -> Floats:
             # Entry (k, u): the first i objects used u, and object i has shape k; (K, S).
             from_here = _look_up(backward, table[i].bigger)
             from_here += relative[i][:, None]
-            backward = _log_sum(from_here, axis=0)
+            backward = log_sum(from_here, axis=0)
             from_here += forward[i]
-            marginals[i] = _log_sum(from_here, axis=1)
-        return np.asarray(marginals - _log_sum(marginals, axis=1)[:, None])
+            marginals[i] = log_sum(from_here, axis=1)
+        return np.asarray(marginals - log_sum(marginals, axis=1)[:, None])
 
 
 def _forward(weights: Floats, table: list[Layer]) -> list[Floats]:
     """Log total weight of the first 0, 1, … N objects for each multiset that they use up, each ``(S,)``."""
     forward = [np.zeros(1)]
     for row, layer in zip(weights, table[1:], strict=True):
-        forward.append(_log_sum(_look_up(forward[-1], layer.smaller) + row[:, None], axis=0))
+        forward.append(log_sum(_look_up(forward[-1], layer.smaller) + row[:, None], axis=0))
     return forward
 
 
 def _look_up(log_totals: Floats, index: NDArray[np.int32]) -> Floats:
     """Values by index; an index one past the end stands for no multiset and gives -inf."""
     return np.concatenate([log_totals, [-np.inf]])[index]
-
-
-def _log_sum(logs: Floats, axis: int) -> Floats:
-    """Log of the sum of exponentials; several times faster than ``scipy.special.logsumexp``."""
-    top = logs.max(axis=axis, keepdims=True)
-    top[top == -np.inf] = 0.0
-    scaled = logs - top
-    return np.asarray(np.log(np.exp(scaled, out=scaled).sum(axis=axis)) + top.squeeze(axis))
 
 
 @dataclass(frozen=True, eq=False)

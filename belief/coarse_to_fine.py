@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief.cell_kernel import CellKernel
 from belief.errors import ImpossibleObservation
 from belief.frozen import FrozenArrays
-from belief.validation import Floats, require_count, require_number
+from belief.validation import Floats, log_sum, require_count, require_number
 
 Ints = NDArray[np.int64]
 _MOST = 1.0 - 1e-12  # probability of a move
@@ -185,7 +185,7 @@ class CoarseToFine:
             require_number("the probability of a move", moves[1], 0.0, 1.0)
             if drift or moves[0].num_cells != len(cells.shares[0]):
                 raise ValueError("moves must be a kernel of the coarsest cells, and the drift 0")
-        prior = prior - _log_sum(prior)
+        prior = prior - log_sum(prior)
         bodies = np.arange(len(prior))
         coarsest = _Families(bodies, 0 * bodies, *np.zeros((2, len(prior), len(cells.shares[0]))))
         finer = (
@@ -227,7 +227,7 @@ class CoarseToFine:
         if not np.isfinite(looked.max(initial=-np.inf)):
             raise ValueError(f"evidence must be finite for one body and nowhere NaN, got {log_evidence!r:.200}")
         correction, now = self.correction.copy(), self._log_bodies[bodies]
-        correction[bodies] += looked - _log_sum(looked) + _log_sum(now) - now
+        correction[bodies] += looked - log_sum(looked) + log_sum(now) - now
         return replace(self, correction=correction)
 
     @property
@@ -351,19 +351,19 @@ class CoarseToFine:
         found = self._coarsest_sums.copy()
         if self._rows:
             split = np.unique(self._rows[0] // self._families[0].sums.shape[1])
-            found[split] = _log_sum(self._leaf_weights[0][split], axis=1)
+            found[split] = log_sum(self._leaf_weights[0][split], axis=1)
         for family, weights in zip(self._families[1:], self._leaf_weights[1:], strict=True):
-            np.logaddexp.at(found, family.body, _log_sum(weights, axis=1))
+            np.logaddexp.at(found, family.body, log_sum(weights, axis=1))
         return found
 
     @cached_property
     def _coarsest_sums(self) -> Floats:
         """Log of the sum of all coarsest cells of each body, split or not, ``(K,)``."""
-        return np.asarray(_log_sum(self._coarsest_weights, axis=1))
+        return np.asarray(log_sum(self._coarsest_weights, axis=1))
 
     @cached_property
     def _log_total(self) -> float:
-        return float(_log_sum(self._log_bodies))
+        return float(log_sum(self._log_bodies))
 
     @cached_property
     def _masses(self) -> list[Floats]:
@@ -374,7 +374,7 @@ class CoarseToFine:
             if masses:
                 weights = weights.copy()
                 weights.ravel()[self._rows[level]] = masses[0]
-            masses.insert(0, _log_sum(weights, axis=1))
+            masses.insert(0, log_sum(weights, axis=1))
         return masses
 
     def _less(self) -> CoarseToFine:
@@ -461,12 +461,3 @@ def _checked(found: NDArray[np.floating], shape: tuple[int, ...]) -> Floats:
     if not found.max() < np.inf:  # False for NaN
         raise ValueError("the likelihood of a cell is NaN or infinite")
     return np.asarray(found, float)
-
-
-def _log_sum(logs: Floats, axis: int | None = None) -> Any:
-    """Log of the sum of exponentials; ``-inf`` where all are."""
-    largest = np.max(logs, axis=axis, keepdims=True)
-    safe = np.where(np.isfinite(largest), largest, 0.0)
-    with np.errstate(divide="ignore"):
-        found = np.log(np.exp(logs - safe).sum(axis=axis, keepdims=True)) + safe
-    return found.squeeze(axis) if axis is not None else float(found.squeeze())

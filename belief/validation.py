@@ -224,6 +224,15 @@ def finite_logits(logits: ArrayLike) -> Floats:
     return z
 
 
+def log_sum(logs: Floats, axis: int | None = None) -> Floats:
+    """Log of the sum of exponentials along an axis, or of all; faster than ``scipy.special.logsumexp``."""
+    top = logs.max(axis=axis, keepdims=True)
+    top[top == -np.inf] = 0.0
+    with np.errstate(divide="ignore", over="ignore"):
+        scaled = logs - top
+        return np.asarray(np.log(np.exp(scaled, out=scaled).sum(axis=axis)) + top.squeeze(axis))
+
+
 def log_softmax(logits: ArrayLike, temperature: float = 1.0) -> Floats:
     """Logarithms of the softmax of logits ``(..., K)``, finite numbers of any size, divided by a temperature."""
     z = finite_logits(logits)

@@ -1,7 +1,7 @@
 """Searches in a tray: where to press next, which object to confirm, and when to say that the target is absent.
 
 A decider sees a :class:`belief.tray.TrayBelief` and where the pad is, and answers :class:`Press`, :class:`ConfirmAt`,
-``Reject`` or ``Unsure``. :class:`TraySession` asks and is told; a robot plays it, or :func:`search_tray` with a world.
+``Reject`` or ``Unsure``. :class:`TraySession` asks and is told; a robot plays it, or a sensor with a simulated tray.
 """
 
 from __future__ import annotations

@@ -37,6 +37,8 @@ SCHEMA = "activetouch tray session 1"
 """First field of the first line of a log; the number grows when a reader of older logs could be misled."""
 _PARKED = (0.0, 0.0)
 """Where the pad is at first [m]."""
+PLACELESS: Mapping[str, Reject | Unsure] = {"reject": Reject(), "unsure": Unsure()}
+"""Answers that have no place, by their words."""
 _WORDS: Mapping[type, str] = {Press: "touch", ConfirmAt: "confirm", Reject: "reject", Unsure: "unsure"}
 OUTCOMES = {ConfirmAt: Outcome.CONFIRMED, Reject: Outcome.EXHAUSTED, Unsure: Outcome.UNSURE}
 """How an answer ends a search."""
@@ -246,9 +248,7 @@ class TraySession(AskAndTell[TrayTold]):
             self._take(TrayTold(self._asked, self._rng.bit_generator.state, time=time.time()))
             return
         x, y = self.place() if place is None else place
-        size = self.belief.size
-        if not (are_finite(x, y) and 0.0 <= x <= size[0] and 0.0 <= y <= size[1]):
-            raise InvalidArgument(f"the place must be in the tray of {size[0]} x {size[1]} m, got {(x, y)}")
+        self._require_within("the place", (x, y))
         if missed != (image is None) or missed != (height is None):
             raise InvalidArgument("say missed=True, or what was met: an image and the height of the contact")
         embedding = level = None
@@ -278,12 +278,10 @@ class TraySession(AskAndTell[TrayTold]):
             UnknownName: there is no such shape.
             InvalidArgument: a place is outside the tray, or there is no object.
         """
-        labels, size = self.belief.table.labels, self.belief.size
         for label, *place in objects:
             if label != NONE_OF_THESE:
-                index_of("shape", labels, label)
-            if not (are_finite(*place) and all(0.0 <= at <= edge for at, edge in zip(place, size, strict=True))):
-                raise InvalidArgument(f"{label} must be in the tray of {size[0]} x {size[1]} m, got {place}")
+                index_of("shape", self.belief.table.labels, label)
+            self._require_within(label, place)
         if not objects:
             raise InvalidArgument("at least one object is in the tray")
         self._reveal(objects=[list(one) for one in objects])
@@ -330,6 +328,11 @@ class TraySession(AskAndTell[TrayTold]):
             where = now.places[0][0] if now.places else None
             self._steps.append(TrayStep(told.place, height, now.target, now.absent, where))
         self._asked = None
+
+    def _require_within(self, what: str, place: Sequence[float]) -> None:
+        size = self.belief.size
+        if not (are_finite(*place) and all(0.0 <= at <= edge for at, edge in zip(place, size, strict=True))):
+            raise InvalidArgument(f"{what} must be in the tray of {size[0]} x {size[1]} m, got {place}")
 
     def _touch(
         self,
@@ -394,8 +397,7 @@ def action_from(fields: Mapping[str, Any]) -> TrayAction:
     if fields["action"] == "confirm":
         x, y = fields["place"]
         return ConfirmAt((float(x), float(y)))
-    others: dict[str, TrayAction] = {"reject": Reject(), "unsure": Unsure()}
-    return others[fields["action"]]
+    return PLACELESS[fields["action"]]
 
 
 class Met(Protocol):

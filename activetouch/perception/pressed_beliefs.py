@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from activetouch.distributions import Bodies
 from activetouch.perception.imaging import Floats32, Imaging, SensorState, regridded
-from activetouch.poses import hamilton_product, to_matrices, turned
+from activetouch.poses import slightly_turned, to_matrices, turned
 from activetouch.scene import Scene
 from activetouch.solids.raster import heights
 from belief.validation import Floats
@@ -58,9 +58,7 @@ class PressedBeliefs:
         """
         imaging, number = self.imaging, len(chosen)
         few = self.bodies.take(chosen)
-        near = rng.normal(size=(3, number)) * (self.width / 2)
-        rests = np.stack(hamilton_product(few.rests.T, (np.ones(number), *near)), axis=1)
-        rests /= np.linalg.norm(rests, axis=1, keepdims=True)
+        rests = slightly_turned(few.rests, self.width, rng)
         pose_label = self.scene.pose_labels[pose]
         axes = to_matrices(turned(self.scene.rotations[pose_label], rests)) * few.sizes[:, None, None]
         places = self.scene.aim_offsets[pose] + rng.uniform(-imaging.offset, imaging.offset, (number, 2))

@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter
 
 from activetouch.perception.cached_arrays import cached_array, counted
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.imaging import Floats32, sensor_state
+from activetouch.perception.imaging import Floats32
 from activetouch.scene import Scene
 from activetouch.scene_description import described
 from activetouch.solids.solid import Floats, Shape
@@ -77,7 +77,7 @@ def _pixel(reader: ContactHypotheses) -> float:
 
 def _of_shape(reader: ContactHypotheses, scene: Scene, solid: Shape) -> Floats32:
     """The contacts of one shape ``(R, G, G, channels)``, with as many offsets as it has."""
-    code = reader.imaging.code(sensor_state(reader.imaging, scene))
+    code = reader.code(scene)
     key = {
         "reader": reader.digest,
         "state": (np.round(code, 7) + 0.0).tolist(),

@@ -18,7 +18,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.cached_arrays import announced, cached_array
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.random_views import log_normalisers, random_views
-from activetouch.perception.imaging import Floats32, sensor_state
+from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
 from activetouch.pressing.contact import Quasistatic
 from activetouch.scene import Scene
@@ -163,9 +163,8 @@ class TraySensor:
     def _read_with(self) -> dict[str, Any]:
         """What determines the contacts of the table, as JSON types."""
         reader = self._contacts
-        code = reader.imaging.code(sensor_state(reader.imaging, self.scene))
         bodies = {label: described(solid) for label, solid in self.scene.solids.items()}
-        return {"reader": reader.digest, "code": code.round(6).tolist(), "bodies": bodies}
+        return {"reader": reader.digest, "code": reader.code(self.scene).round(6).tolist(), "bodies": bodies}
 
     @cached_property
     def outcomes(self) -> PlaceOutcomes:
@@ -201,8 +200,7 @@ class TraySensor:
     @cached_property
     def _bodies(self) -> Floats32:
         """Embeddings of random bodies, which stand for just some body."""
-        reader = self._contacts
-        return random_views(reader, reader.imaging.code(sensor_state(reader.imaging, self.scene)))[0]
+        return random_views(self._contacts, self._contacts.code(self.scene))[0]
 
     def belief(self, target: Name) -> TrayBelief:
         """The belief before the first touch."""

@@ -271,6 +271,7 @@ CALLS = {
     "checked_pair": lambda a: validation.checked_pair(a, SHAPES)[0],
     "checked_probs": validation.checked_probs,
     "checked_values": lambda a: validation.checked_values("a", a),
+    "log_sum": lambda a: validation.log_sum(validation.finite_logits(a), axis=-1),
     "log_softmax": lambda a: validation.log_softmax(validation.finite_logits(a)),
     "finite_logits": validation.finite_logits,
     "labelled_logits": lambda a: validation.labelled_logits(a, SHAPES)[0],

@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 import numpy as np
 import scipy  # whose parts load at first use
 
-from activetouch.poses import random_orientation, to_matrix
+from activetouch.poses import normalised, random_orientation, to_matrix
 from activetouch.solids.primitives import hull, joined, turned
 from activetouch.solids.raster import Surface
 from activetouch.solids.triangles import Floats, Triangles, tetrahedra
@@ -57,7 +57,7 @@ def _polytope(rng: np.random.Generator, normals: Floats, offsets: Floats, cuts: 
 
 
 def _directions(rng: np.random.Generator, number: int) -> Floats:
-    return _on_ball(rng.normal(size=(number, 3)))
+    return normalised(rng.normal(size=(number, 3)))
 
 
 def _box(rng: np.random.Generator) -> Triangles:
@@ -193,13 +193,9 @@ def _ball(level: int = 3) -> Triangles:
     vertices, faces = hull(np.vstack([points, np.roll(points, 1, axis=1), np.roll(points, 2, axis=1)]))
     for _ in range(level):
         middles = (vertices[faces] + vertices[np.roll(faces, -1, axis=1)]).reshape(-1, 3) / 2
-        vertices = np.vstack([_on_ball(vertices), np.unique(np.round(_on_ball(middles), 9), axis=0)])
-        vertices, faces = hull(_on_ball(vertices))
-    return _on_ball(vertices), faces
-
-
-def _on_ball(points: Floats) -> Floats:
-    return points / np.linalg.norm(points, axis=1, keepdims=True)
+        vertices = np.vstack([normalised(vertices), np.unique(np.round(normalised(middles), 9), axis=0)])
+        vertices, faces = hull(normalised(vertices))
+    return normalised(vertices), faces
 
 
 _FAMILIES: tuple[Callable[[np.random.Generator], Triangles], ...]

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.views import BodySet, Felt, ViewPlan
-from activetouch.perception.imaging import Floats32, sensor_state
+from activetouch.perception.imaging import Floats32
 from activetouch.poses import multiply, turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nested
@@ -85,9 +85,9 @@ class CloseContacts(BodySet):
         cls, reader: ContactHypotheses, scene: Scene, plan: ViewPlan, levels: tuple[int, ...], look: CloseLook
     ) -> CloseContacts:
         """The bodies of a scene, in the state of its sensor."""
-        code, solids = reader.imaging.code(sensor_state(reader.imaging, scene)), scene.solids
-        own: dict[str, Any] = {"hypotheses": reader, "code": code, "solids": tuple(solids.values()), "look": look}
-        return cls.of(reader, scene, solids, plan, levels=levels, **own)
+        own: dict[str, Any] = {"hypotheses": reader, "code": reader.code(scene), "look": look}
+        solids = scene.solids
+        return cls.of(reader, scene, solids, plan, levels=levels, solids=tuple(solids.values()), **own)
 
     def fields(self) -> dict[str, Any]:
         """See :class:`BodySet`."""

@@ -70,9 +70,13 @@ class ContactHypotheses:
         """The same for the objects of a scene, in the state of the sensor that the scene describes."""
         return replace(self, scene=scene)
 
+    def code(self, scene: Scene) -> Floats32:
+        """The code of the state of the sensor that a scene describes, ``(1, state_size)``."""
+        return self.imaging.code(sensor_state(self.imaging, scene))
+
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
         """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`."""
-        return self.embedded_in(scene, bodies, pose, self.imaging.code(sensor_state(self.imaging, scene)))[0]
+        return self.embedded_in(scene, bodies, pose, self.code(scene))[0]
 
     def embedded_in(self, scene: Scene, bodies: Bodies, pose: int, codes: Floats32) -> Floats32:
         """Embeddings in one pose, for W states of the sensor with ``codes (W, state_size)``, ``(W, K, N, D)``."""

@@ -24,7 +24,7 @@ from activetouch.perception.contacts.images import encoded, images
 from activetouch.perception.contacts.random_pads import random_pad
 from activetouch.perception.described_pads import to_state
 from activetouch.perception.imaging import BROKEN, Imaging, SensorState, imaging_of_pad, states_with
-from activetouch.poses import hamilton_product, to_matrices
+from activetouch.poses import normalised, slightly_turned, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats
@@ -89,10 +89,10 @@ class Batches(Dataset[Batch]):
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
         narrow, broad = np.log(_CELLS)
         cells = np.exp(rng.uniform(narrow, broad, total))
-        turns = _normalised(rng.normal(size=(total, 4)))
+        turns = normalised(rng.normal(size=(total, 4)))
         sizes = rng.uniform(*imaging.sizes, total)
         places = rng.uniform(-imaging.offset, imaging.offset, (total, 2))
-        near = _near(turns, cells, rng)
+        near = slightly_turned(turns, cells, rng)
         nearby = sizes * np.exp(rng.normal(size=total) * 0.15 * cells)
         chosen = rng.choice(len(self.bodies), self.groups, replace=False)
         seen = self._maps(chosen, turns, sizes, places, imaging.window)
@@ -101,7 +101,7 @@ class Batches(Dataset[Batch]):
         read, hit = images(imaging, seen, states, world, random)
         if others:
             more = self.groups * others
-            turns, sizes = _normalised(rng.normal(size=(more, 4))), rng.uniform(*imaging.sizes, more)
+            turns, sizes = normalised(rng.normal(size=(more, 4))), rng.uniform(*imaging.sizes, more)
             maps = self._maps(chosen, turns, sizes, np.zeros((more, 2)), imaging.wide_window)
             predicted = torch.cat([predicted, maps])
             cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)))
@@ -159,14 +159,3 @@ def drawn_worlds(rng: np.random.Generator, number: int, imaging: Imaging, usual:
             chosen = is_strange[:, column].reshape(number, *[1] * (drawn[name].ndim - 1))
             drawn[name] = np.where(chosen, strange[name], drawn[name]).astype(np.float32)
     return SensorState(**drawn)._replace(wide=wide.astype(np.float32))
-
-
-def _normalised(vectors: Floats) -> Floats:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _near(turns: Floats, cells: Floats, rng: np.random.Generator) -> Floats:
-    """Orientations after small random turns, whose standard deviation about each axis is the width of the cell."""
-    small = rng.normal(size=(3, len(turns))) * (cells / 2)
-    product = hamilton_product(turns.T, (np.ones(len(turns)), *small))
-    return _normalised(np.stack(product, axis=1))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from activetouch.perception.cached_arrays import cached_array, is_cached
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.imaging import Floats32, sensor_state
+from activetouch.perception.imaging import Floats32
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nearest, nested, views
@@ -57,7 +57,7 @@ class ViewPlan(Checked):
 
 def embedded_views(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> Floats32:
     """Embeddings of a body in all views, ``(V, D)``, from the cache or new."""
-    code = reader.imaging.code(sensor_state(reader.imaging, scene))
+    code = reader.code(scene)
 
     def make() -> Floats32:
         quarter = plan.orientations.reshape(plan.directions, plan.rolls, 4)[:, : plan.rolls // 4].reshape(-1, 4)
@@ -86,7 +86,7 @@ def to_embed(reader: Any, scene: Scene, plan: ViewPlan) -> list[Shape]:
 def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> dict[str, Any]:
     return {
         "reader": reader.digest,
-        "state": (np.round(reader.imaging.code(sensor_state(reader.imaging, scene)), _DECIMALS) + 0.0).tolist(),
+        "state": (np.round(reader.code(scene), _DECIMALS) + 0.0).tolist(),
         "views": [plan.directions, plan.rolls, plan.width],
         "body": described(solid),
     }

@@ -14,18 +14,17 @@ import numpy as np
 
 from activetouch.tray.sensor import TraySensor
 from belief.constraints import Checked, NotNegative
-from belief.problem import Reject, Unsure
 from belief.search_progress import Outcome
 from belief.tray import Grid, TrayBelief
 from experiments.scene_choice import SceneChoice
 from experiments.search.benchmark.submission import DIGITS, HEX, Played, PlayedBatch
 from experiments.search.drawer.searches import Searches
 from experiments.search.play import Seconds, Setting
+from planners.episode import ACTION_NAMES
 from planners.tray import ConfirmAt, Press, TrayDecision, stated
-from planners.tray_session import OUTCOMES, TrayAction, ended, is_right
+from planners.tray_session import OUTCOMES, PLACELESS, TrayAction, ended, is_right
 
 _CONFIRM = "confirm "  # with the number of the cell in which the target is said to be
-_WORDS = {Reject: "reject", Unsure: "unsure"}
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class TrayTask(Checked):
             else:
                 probs.append(stated(session.standing, action))
                 at = _number(grid.cell_at(*action.place), grid) if isinstance(action, ConfirmAt) else 0
-                actions.append(f"{_CONFIRM}{at}" if isinstance(action, ConfirmAt) else _WORDS[type(action)])
+                actions.append(f"{_CONFIRM}{at}" if isinstance(action, ConfirmAt) else ACTION_NAMES[type(action)])
                 session.tell()
                 seconds += Seconds(decision=decided - start)
             start = clock()
@@ -106,8 +105,7 @@ class TrayTask(Checked):
         grid = self.made.grid
         is_here = isinstance(action, str) and action.startswith(_CONFIRM)
         if isinstance(action, str) and not is_here:
-            words: dict[str, TrayAction] = {"reject": Reject(), "unsure": Unsure()}
-            return words[action]
+            return PLACELESS[action]
         along, across = divmod(int(str(action).removeprefix(_CONFIRM)), grid.cells[1])
         if not 0 <= along < grid.cells[0]:
             raise ValueError(f"the tray has {grid.cells[0] * grid.cells[1]} cells, got {action!r:.40}")

@@ -80,21 +80,12 @@ class Drawers(Reported):
 
     def table(self) -> Table:
         """The rows."""
-        names = ("decider", "searches", "answered", "stated", "right", "right_interval", "found", "called_present")
         headings = [
-            "decider",
-            ("searches", "d"),
-            ("answered", ".3f"),
-            ("stated", ".3f"),
-            ("right", ".3f"),
-            ("95 %", ".3f"),
-            ("found", ".3f"),
-            ("absent, called present", ".3f"),
-            ("touches", ".1f"),
-            ("± 95 %", ".1f"),
-            ("travel [m]", ".2f"),
+            *("decider", ("searches", "d"), ("answered", ".3f"), ("stated", ".3f"), ("right", ".3f"), ("95 %", ".3f")),
+            *(("found", ".3f"), ("absent, called present", ".3f")),
+            *(("touches", ".1f"), ("± 95 %", ".1f"), ("travel [m]", ".2f")),
         ]
-        rows = [[row[name] for name in (*names, "touches", "touches_error", "travel")] for row in self.rows()]
+        rows = [list(row.values()) for row in self.rows()]
         tray = self.searches.tray
         note = (
             f"{tray.num_objects} objects in a tray of {1000 * tray.size[0]:g} x {1000 * tray.size[1]:g} mm; the target "
