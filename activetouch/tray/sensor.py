@@ -58,6 +58,7 @@ DECIDERS: Mapping[str, Callable[..., TrayDecider]] = {
 }
 """Deciders of searches in a tray, by name."""
 _REFERENCES = 72  # touches that stand for all
+_READ_SINCE = "0.2.0"  # version whose presses and readings those of today are; tasks and certificates name it
 _ASIDE = 0.025  # largest distance of these from the middle of an object [m]
 
 
@@ -251,8 +252,9 @@ class TraySensor:
 
     @cached_property
     def identity(self) -> str:
-        """Digest of everything that determines readings and beliefs."""
-        return hashlib.sha256(json.dumps(self._read_with, sort_keys=True).encode()).hexdigest()
+        """Digest of everything that determines readings and beliefs, the same in all versions that read alike."""
+        read_with = self._read_with | {"reader": f"{self._contacts.content} {_READ_SINCE}"}
+        return hashlib.sha256(json.dumps(read_with, sort_keys=True).encode()).hexdigest()
 
     def certified_world(self, targets: Sequence[str], decider: str) -> dict[str, Any]:
         """What a certificate of searches for these targets by this decider holds for, as JSON types."""

@@ -5,6 +5,7 @@ The process that was started writes all files: workers get tasks and return resu
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import multiprocessing
 import os
@@ -15,7 +16,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -85,8 +86,11 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
                     each: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL + 1}
                     each["dashboard_address"] = ":8787" if dashboard else None
                     place = stack.enter_context(LocalCluster(n_workers=int(address[len("local:") :]), **each))
+                else:
+                    with ThreadPoolExecutor(1) as aside:  # a notebook has a loop of its own
+                        aside.submit(asyncio.run, _greeted(address)).result()
                 client = stack.enter_context(Client(place, timeout=_SECONDS, set_as_default=False))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:  # TypeError: of tls:// without certificates
             raise ClusterFailed(f"no Dask scheduler answers at {address}. Start one with: dask scheduler") from error
         if dashboard:
             has_page = client.get_versions(packages=["bokeh"])["scheduler"]["packages"].get("bokeh")
@@ -98,6 +102,14 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
             yield
         finally:
             ENGINE.reset(before)
+
+
+async def _greeted(address: str) -> None:
+    """Ask a scheduler who it is: a client would wait forever for something else that answers at the address."""
+    from distributed.core import rpc
+
+    async with rpc(address) as scheduler:
+        await asyncio.wait_for(scheduler.identity(), _SECONDS)
 
 
 def _started_forks() -> dict[str, str]:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 import time
@@ -194,6 +195,16 @@ def test_an_address_that_is_none_is_refused(address):
 def test_an_address_without_a_scheduler_is_named(monkeypatch):
     monkeypatch.setattr(cluster, "_SECONDS", 0.2)
     with pytest.raises(ClusterFailed, match=r"answers at tcp://127\.0\.0\.1:1\."), on_cluster("tcp://127.0.0.1:1"):
+        pass
+
+
+def test_what_is_no_scheduler_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(cluster, "_SECONDS", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(ClusterFailed, match="no Dask scheduler answers"), on_cluster(address):
+            pass
+    with pytest.raises(ClusterFailed, match="no Dask scheduler answers"), on_cluster("tls://127.0.0.1:1"):
         pass
 
 

@@ -135,9 +135,13 @@ class ContactHypotheses:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all that determines its embeddings."""
-        content = hashlib.sha256(self.network + repr(self.imaging.fields()).encode())
-        return f"{content.hexdigest()} {version('activetouch')}"
+        """Digest of all that determines its embeddings: files of the cache are of one version."""
+        return f"{self.content} {version('activetouch')}"
+
+    @cached_property
+    def content(self) -> str:
+        """Digest of its network and of the sensor that it knows."""
+        return hashlib.sha256(self.network + repr(self.imaging.fields()).encode()).hexdigest()
 
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them."""
