@@ -414,6 +414,16 @@ class Case(Tabular):
             )
         return int(possible[possible.index(outcome)])
 
+    def undo(self) -> str:
+        """Take back what was told last, and name that action.
+
+        Raises:
+            InvalidArgument: nothing was told.
+        """
+        history = self.session.scene.touches(0)
+        self.session.undo()
+        return self._task.actions[history[-1].pose]
+
     def tell_outcome(self, outcome: int, action: int | None = None) -> None:
         """As :meth:`tell`, by the index of the outcome, -1 where it is missing, and of the action."""
         pose = self.asked if action is None else action

@@ -7,8 +7,9 @@ Dirichlet distributions). This leaves few numbers to learn, and keeps noise out 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
@@ -45,6 +46,8 @@ class OutcomeCode(FrozenArrays):
         most: M, the largest number of outcomes of an action.
         words: for each column of words, these in their order, whose places are its values; empty for one of numbers.
         names: of the columns, where they were those of a data frame: others are read by them.
+        seen: smallest and largest value of each column, ``(C, 2)``; a value that lies farther out than these are apart
+            warns, because it is probably in another unit.
     """
 
     columns: tuple[tuple[int, ...], ...]
@@ -53,6 +56,7 @@ class OutcomeCode(FrozenArrays):
     most: int
     words: tuple[tuple[str, ...], ...] = ()
     names: tuple[str, ...] = ()
+    seen: Floats = field(default_factory=lambda: np.empty((0, 2)))
 
     def outcomes(self, values: ArrayLike) -> NDArray[np.int64]:
         """Outcomes ``(n, P)`` of cases ``(n, C)``, -1 where a column of the action is missing (NaN).
@@ -71,6 +75,12 @@ class OutcomeCode(FrozenArrays):
 
     def outcome(self, action: int, values: Floats) -> NDArray[np.int64]:
         """Outcomes of one action ``(n,)`` from values of its columns ``(n, c)``."""
+        for column, given in zip(self.columns[action], values.T, strict=True):
+            low, high = self.seen[column].tolist() if len(self.seen) else (np.nan, np.nan)
+            if high > low and (is_far := np.abs(given - (low + high) / 2.0) > 1.5 * (high - low)).any():
+                name = repr(self.names[column]) if self.names else f"column {column}"
+                apart = f"{given[is_far][0]:g}, and cases that the model was fitted to had {low:g} to {high:g}"
+                warnings.warn(f"{name} is {apart}: is it in another unit?", stacklevel=4)
         bins = [np.searchsorted(self.edges[c], v, "right") for c, v in zip(self.columns[action], values.T, strict=True)]
         found = bins[0]
         if len(bins) > 1:
@@ -125,7 +135,10 @@ class OutcomeCode(FrozenArrays):
                 codes = np.sort(found[np.argsort(-counts, kind="stable")[: _MOST_JOINT - 1]])
             joint.append(codes)
             largest = max(largest, len(codes) + 1 if len(own) > 1 else len(edges[own[0]]) + 1)
-        return cls(columns, edges, tuple(joint), largest, words, _names(values))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of columns without a value
+            seen = np.stack([np.nanmin(table, axis=0), np.nanmax(table, axis=0)], axis=1)
+        return cls(columns, edges, tuple(joint), largest, words, _names(values), seen)
 
     def sizes(self) -> NDArray[np.int64]:
         """Number of outcomes of each action, ``(P,)``."""

@@ -1,5 +1,6 @@
 """The door for whoever knows nothing of touch: cases, actions, outcomes; what is asked, named, stated and promised."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -419,3 +420,30 @@ def test_an_outcome_that_an_action_does_not_have_is_named(outcome):
     with pytest.raises(InvalidArgument, match=r"'blood' has the outcomes 0, 1, got"):
         case.tell(outcome, action="blood")
     assert len(repr(ActiveClassification.from_probs(TESTS).evaluate([[0, 1, 0]] * 9, [0] * 9))) < 100
+
+
+def test_a_value_far_outside_those_of_the_fit_warns(rng):
+    labels = rng.integers(2, size=200)
+    cases = np.stack([rng.normal(5.0, 1.0, 200) + labels, np.full(200, np.nan), np.ones(200)], axis=1)
+    with pytest.warns(UserWarning, match="never seen"):
+        task = ActiveClassification.from_cases(cases, labels, ("blood", "none", "same"))
+    case = task.start()
+    with pytest.warns(UserWarning, match=r"column 0 is 5000, and cases .* had .* another unit"):
+        case.tell(5000.0, "blood")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        task.start().tell(9.0, "blood")
+        task.start().tell(2.0, "same")
+
+
+def test_what_was_told_last_can_be_taken_back(task):
+    case = task.start()
+    before, first = case.belief.probs, case.ask()
+    with pytest.raises(InvalidArgument, match="nothing was told"):
+        case.undo()
+    case.tell(1)
+    case.tell(None)
+    case.undo()
+    assert case.undo() == first
+    np.testing.assert_array_equal(case.belief.probs, before)
+    assert (case.taken, case.cost, case.ask()) == ((), 0.0, first)
