@@ -4,7 +4,14 @@ activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/co
 python zoo.py ppo                     (writes runs/zoo/ppo-0.zip; the extras contrib and train)
 activetouch benchmark --task coarse-v1 --agent sb3:runs/zoo/ppo-0.zip --out ppo-0.jsonl.gz
 
-Agents learn from the touches of the first line, which takes two minutes. ppo, maskable_ppo and dqn observe the belief
+Agents learn from the touches of the first line, which takes two minutes. For --task gel-v1, paper-v1, hard-v1, many-v1
+or keyed-v1, collect fewer objects of that scene, as images of 128 × 128 taxels take a gigabyte:
+
+activetouch collect --scene gel --plan.train 0 --plan.repeats 6 --plan.calibration 200 --plan.test 100 \
+    --out data/gel-repeats            (--plan.calibration 100 --plan.test 50 for hard, many and keyed)
+python zoo.py ppo --task gel-v1       (writes runs/zoo-gel-v1/ppo-0.zip)
+
+ppo, maskable_ppo and dqn observe the belief
 and the expected information of each pose; recurrent_ppo observes what the classifier says of each touch alone, and its
 LSTM remembers; images_frozen, images_tuned and images_new observe images (image_policy.py plays them). These four learn
 with the paper's shaping reward, from a belief that they do not see.
@@ -32,12 +39,16 @@ import torch
 from image_policy import Encoder, ImageEpisodes
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor
 from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.sb3 import BankVecEnv
-from activetouch.sensor_files import MODELS, fitted_model
+from activetouch.named_scenes import SCENES
+from activetouch.scene_description import require_scene, scene_fields
+from activetouch.sensor_files import fitted_model
+from experiments.command_line.arguments import BadArgument
 from experiments.ppo.training import TEST, TRAINING, Score, kept_bank, play
+from experiments.search.benchmark.cards import Card
 
 PPO = {"learning_rate": 3e-3, "ent_coef": 0.003, "n_epochs": 10, "n_steps": 16, "batch_size": 512, "gae_lambda": 0.95}
 SMALL = {"net_arch": [64, 64]}
@@ -122,20 +133,39 @@ ZOO = {
 }
 
 
-class Tests:
-    """Tests of single objects on the touches of one split of a collection."""
+def scene_of(card: Card) -> str:
+    """Name of the scene of a task; a task in a tray has none."""
+    return str(card.setting.get("choice", {}).get("scene"))
 
-    def __init__(self, data: Path, split: str) -> None:
-        sensor = TactileSensor.shipped("coarse")
-        self.bank = kept_bank(sensor.reader, data, split, data.parent / "coarse-zoo-bank" / split)
-        self._joint, self._single = sensor.model, fitted_model(MODELS / "coarse", independent=True).model
-        self._data, self._split = data, split
+
+TASKS = {card.name: card for card in Card.every() if scene_of(card) in SCENES}
+
+
+class Tests:
+    """Tests of single objects on the touches of one split of a collection from the scene of a task.
+
+    Raises:
+        WrongScene: the collection is of another scene.
+        BadArgument: its objects have the seed of the task.
+    """
+
+    def __init__(self, card: Card, data: Path, split: str) -> None:
+        manifest, sensor = read_manifest(data), card.rules.open_sensor()
+        require_scene(f"the collection {data}", manifest.scene, scene_fields(sensor.scene))
+        if manifest.plan.seed == card.seed:
+            raise BadArgument(
+                f"{data} has the seed of {card.name}: collect it with another --plan.seed than {card.seed}"
+            )
+        self.bank = kept_bank(sensor.reader, data, split, data.parent / f"{scene_of(card)}-zoo-bank" / split)
+        self._joint, self.card, self._data, self._split = sensor.model, card, data, split
 
     def episodes(self, learner: Learner, num_envs: int, **settings: Any) -> BankEpisodes:
         """Many tests at once, of what a learner sees."""
+        settings = {"touch_cost": self.card.rules.touch_cost, **settings}
         if learner.sees == "gains":
             return BankEpisodes(self.bank, self._joint, None, num_envs, "goal", **settings)
-        task = self.bank, self._single, None, num_envs, "paper"
+        single = fitted_model(self.card.rules.sensor_folder, independent=True).model
+        task = self.bank, single, None, num_envs, "paper"
         if learner.sees == "paper":
             return BankEpisodes(*task, **settings)
         images = read_split(self._data, self._split).images
@@ -145,15 +175,17 @@ class Tests:
 
 def train(learner: Learner, tests: Tests, seed: int, tensorboard: str | None = None) -> Any:
     """A trained model."""
-    settings = dict(learner.settings)
+    settings, network = dict(learner.settings), dict(learner.network)
     rate = settings.pop("learning_rate")
+    if learner.sees == "images":
+        network["features_extractor_kwargs"] = {"sensor": scene_of(tests.card), **network["features_extractor_kwargs"]}
     episodes = tests.episodes(learner, learner.num_envs, target_prob=learner.target_prob, beta=learner.beta)
     model = learner.algorithm(
         learner.policy,
         BankVecEnv(episodes, seed),
         learning_rate=lambda left: rate * max(left, 0.0),  # the last rollout may end later than the steps
         gamma=1.0,
-        policy_kwargs=learner.network,
+        policy_kwargs=network,
         seed=seed,
         device="cpu",
         tensorboard_log=tensorboard,
@@ -213,16 +245,22 @@ def main() -> None:
     """Train agents, or search for the settings of one."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="+", choices=ZOO, metavar="NAME", help=", ".join(ZOO))
+    parser.add_argument("--task", choices=TASKS, default="coarse-v1")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--steps", type=int, help="of all environments together, in place of the agent's own")
-    parser.add_argument("--data", type=Path, default=Path("data/coarse-repeats"))
-    parser.add_argument("--out", type=Path, default=Path("runs/zoo"))
+    parser.add_argument("--data", type=Path, help="data/SCENE-repeats by default")
+    parser.add_argument("--out", type=Path, help="runs/zoo by default, and runs/zoo-TASK for another task")
     parser.add_argument("--tensorboard")
     parser.add_argument("--study", type=int, metavar="TRIALS", help="search for settings, in so many trainings")
     parser.add_argument("--share", type=float, default=0.3, help="length of such a training")
     given = parser.parse_args()
     torch.set_num_threads(1)
-    tests, others = Tests(given.data, TRAINING), Tests(given.data, TEST)
+    card = TASKS[given.task]
+    if card.seed in given.seeds:
+        parser.error(f"--seeds: {card.seed} is the seed of {card.name}")
+    data = given.data or Path("data", f"{scene_of(card)}-repeats")
+    given.out = given.out or Path("runs", "zoo" if given.task == parser.get_default("task") else f"zoo-{given.task}")
+    tests, others = Tests(card, data, TRAINING), Tests(card, data, TEST)
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.names:
         learner = ZOO[name] if given.steps is None else replace(ZOO[name], steps=given.steps)
