@@ -72,10 +72,11 @@ class Learner:
     Attributes:
         algorithm: a class of Stable-Baselines3 or sb3-contrib, with its policy.
         sees: "gains", "paper" or "images".
-        steps: of all environments together.
+        steps: of all environments together, in a task of four shapes; one of more has twice as many.
         settings: arguments of the algorithm; a study varies those in :data:`STUDIED`.
         network: the argument ``policy_kwargs``.
-        target_prob: prior of the target, or its range. At 0.3, learners without a belief reject untouched objects.
+        target_prob: prior of the target, or its range; by default a range that fits the task. At 0.3, learners without
+            a belief reject untouched objects.
         num_envs: tests at once.
         beta: weight of the paper's shaping reward.
     """
@@ -86,9 +87,19 @@ class Learner:
     steps: int
     settings: dict[str, Any]
     network: dict[str, Any] = field(default_factory=lambda: SMALL)
-    target_prob: float | tuple[float, float] = (0.05, 0.95)
+    target_prob: float | tuple[float, float] | None = None
     num_envs: int = 128
     beta: float = 0.0
+
+    def for_task(self, card: Card) -> "Learner":
+        """The same, with the steps and the priors for a task.
+
+        Of n objects, each is the target with a probability of 1/n at first. An agent that learned from much higher
+        priors would reject the target too often.
+        """
+        prob, number = self.target_prob, card.num_objects
+        steps = self.steps * (2 if card.problem.num_shapes > 4 else 1)
+        return replace(self, steps=steps, target_prob=(0.2 / number, 3.8 / number) if prob is None else prob)
 
 
 def _images(steps: int, learning_rate: float, **encoder: bool) -> Learner:
@@ -263,7 +274,8 @@ def main() -> None:
     tests, others = Tests(card, data, TRAINING), Tests(card, data, TEST)
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.names:
-        learner = ZOO[name] if given.steps is None else replace(ZOO[name], steps=given.steps)
+        learner = ZOO[name].for_task(card)
+        learner = replace(learner, steps=given.steps or learner.steps)
         if given.study:
             study(name, learner, tests, others, given)
             continue
