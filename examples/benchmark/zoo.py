@@ -4,17 +4,16 @@ activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/co
 python zoo.py ppo                     (writes runs/zoo/ppo-0.zip; the extras contrib and train)
 activetouch benchmark --task coarse-v1 --agent sb3:runs/zoo/ppo-0.zip --out ppo-0.jsonl.gz
 
-Agents learn from the touches of the first line, which takes two minutes. For --task gel-v1, paper-v1, hard-v1, many-v1
-or keyed-v1, collect fewer objects of that scene, as images of 128 × 128 taxels take a gigabyte:
-
-activetouch collect --scene gel --plan.train 0 --plan.repeats 6 --plan.calibration 200 --plan.test 100 \
-    --out data/gel-repeats            (--plan.calibration 100 --plan.test 50 for hard, many and keyed)
-python zoo.py ppo --task gel-v1       (writes runs/zoo-gel-v1/ppo-0.zip)
-
-ppo, maskable_ppo and dqn observe the belief
+Agents learn from the touches of the first line, which takes two minutes. ppo, maskable_ppo and dqn observe the belief
 and the expected information of each pose; recurrent_ppo observes what the classifier says of each touch alone, and its
 LSTM remembers; images_frozen, images_tuned and images_new observe images (image_policy.py plays them). These four learn
-with the paper's shaping reward, from a belief that they do not see.
+with the paper's shaping reward, from a belief that they do not see; the sensor of keyed-v1 has no model for that.
+
+python zoo.py ppo --task gel-v1       (writes runs/zoo-gel-v1/ppo-0.zip)
+
+The first line for another task has the name of its scene, as --scene gel and --out data/gel-repeats, and fewer objects,
+as many or large images take disk: --plan.calibration 200 --plan.test 100 for gel and paper, 100 and 50 for hard, many
+and keyed.
 
 python zoo.py ppo dqn --seeds 0 1     (two of each)
 python zoo.py dqn --study 4          (varies settings with Optuna, `pip install optuna`; adds to runs/zoo/study.csv)
