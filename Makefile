@@ -173,33 +173,43 @@ joint-policies: development
 	mkdir -p activetouch/models/$(SCENE)/policies
 	cp runs/ppo-$(SCENE)-joint/policies/* activetouch/models/$(SCENE)/policies/
 
-# Files of the benchmark's scoreboard; half an hour. ppo-coarse.zip is of examples/benchmark/train_ppo.py.
-SUBMITTED = examples/benchmark && $(CURDIR)/$(BIN)/activetouch benchmark --out $(CURDIR)/records/submissions
-BASELINES = information_gain fixed_poses value_of_information point_based ppo_gains ppo_goal threshold random_confirm
+# Files of the benchmark's scoreboard; an hour. ppo-coarse.zip is of examples/benchmark/train_ppo.py.
+SUBMITTED = examples/benchmark && $(CURDIR)/$(BIN)/activetouch benchmark --jobs 1 --out $(CURDIR)/records/submissions
+RULES = information_gain value_of_information point_based threshold random_confirm
+BASELINES.coarse = $(RULES) fixed_poses ppo_gains ppo_goal
+BASELINES.bodies = information_gain random_confirm
+BASELINES.drawer = information_per_cost raster random
 submissions: development
-	for agent in $(BASELINES); do (cd $(SUBMITTED)/coarse-v1/$$agent.jsonl.gz --agent $$agent --jobs 1) || exit 1; done
-	cd $(SUBMITTED)/coarse-v1/in_turn.jsonl.gz --agent "policy:in_turn:act(state='posterior')" --jobs 1
-	cd $(SUBMITTED)/coarse-v1/perl.jsonl.gz --agent "process:perl agent.pl" --jobs 1
+	$(foreach task,coarse $(LIKE_COARSE) bodies drawer,for agent in $(or $(BASELINES.$(task)),$(RULES)); do \
+		(cd $(SUBMITTED)/$(task)-v1/$$agent.jsonl.gz --task $(task)-v1 --agent $$agent) || exit 1; done;)
+	cd $(SUBMITTED)/coarse-v1/in_turn.jsonl.gz --agent "policy:in_turn:act(state='posterior')"
+	cd $(SUBMITTED)/coarse-v1/perl.jsonl.gz --agent "process:perl agent.pl"
 	cd examples/benchmark && $(CURDIR)/$(BIN)/python train_ppo.py
-	cd $(SUBMITTED)/coarse-v1/ppo-coarse.jsonl.gz --agent sb3:ppo-coarse.zip --jobs 1
-	for task in gel hard many paper keyed bodies; do for agent in information_gain random_confirm; do \
-		(cd $(SUBMITTED)/$$task-v1/$$agent.jsonl.gz --task $$task-v1 --agent $$agent --jobs 1) || exit 1; done; done
-	for agent in information_per_cost raster random; do \
-		(cd $(SUBMITTED)/drawer-v1/$$agent.jsonl.gz --task drawer-v1 --agent $$agent --jobs 1) || exit 1; done
+	cd $(SUBMITTED)/coarse-v1/ppo-coarse.jsonl.gz --agent sb3:ppo-coarse.zip
 	$(BIN)/python docs/generate/tables.py
 
-# The learning agents of the scoreboard, examples/benchmark/zoo.py, two seeds of each; an hour.
-BY_FILE = ppo maskable_ppo dqn recurrent_ppo
-ON_IMAGES = images_frozen images_tuned images_new
-SCORED = PATH=$(BIN):$$PATH activetouch benchmark --jobs 1 --out records/submissions/coarse-v1
-zoo: development
-	$(BIN)/activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
-	$(BIN)/python examples/benchmark/zoo.py $(BY_FILE) $(ON_IMAGES) --seeds 0 1
-	for seed in 0 1; do for agent in $(BY_FILE); do \
-		$(SCORED)/zoo-$$agent-$$seed.jsonl.gz --agent sb3:runs/zoo/$$agent-$$seed.zip || exit 1; done; \
-	for agent in $(ON_IMAGES); do $(SCORED)/zoo-$$agent-$$seed.jsonl.gz \
-		--agent "process:python examples/benchmark/image_policy.py runs/zoo/$$agent-$$seed.zip" || exit 1; done; done
+# The learning agents of the scoreboard, examples/benchmark/zoo.py, two seeds of each; make zoo-gel for those of a task.
+LIKE_COARSE = gel paper hard many keyed
+OBJECTS.gel := --plan.calibration 200 --plan.test 100
+OBJECTS.paper := $(OBJECTS.gel)
+OBJECTS.hard := --plan.calibration 100 --plan.test 50
+OBJECTS.many := $(OBJECTS.hard)
+OBJECTS.keyed := $(OBJECTS.hard)
+BY_FILE.coarse = recurrent_ppo
+ON_IMAGES.coarse = images_frozen images_tuned images_new
+SCORED = PATH=$(BIN):$$PATH activetouch benchmark --jobs 1 --task $*-v1 --out records/submissions/$*-v1
+zoo: $(addprefix zoo-,coarse $(LIKE_COARSE))
 	$(BIN)/python docs/generate/tables.py
+
+zoo-%: BY_FILE = ppo maskable_ppo dqn $(BY_FILE.$*)
+zoo-%: WRITTEN = runs/zoo$(if $(filter-out coarse,$*),-$*-v1)
+zoo-%: development
+	$(BIN)/activetouch collect --scene $* --plan.train 0 --plan.repeats 6 $(OBJECTS.$*) --out data/$*-repeats
+	$(BIN)/python examples/benchmark/zoo.py $(BY_FILE) $(ON_IMAGES.$*) --task $*-v1 --seeds 0 1
+	for seed in 0 1; do for agent in $(BY_FILE); do \
+		$(SCORED)/zoo-$$agent-$$seed.jsonl.gz --agent sb3:$(WRITTEN)/$$agent-$$seed.zip || exit 1; done; \
+	for agent in $(ON_IMAGES.$*); do $(SCORED)/zoo-$$agent-$$seed.jsonl.gz \
+		--agent "process:python examples/benchmark/image_policy.py $(WRITTEN)/$$agent-$$seed.zip" || exit 1; done; done
 
 figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure

@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import read_split
+from activetouch.errors import WrongScene
 from experiments.cli import main
+from experiments.command_line.arguments import BadArgument
+from experiments.search.benchmark.cards import Card
 
 FOLDER = Path(__file__).parent.parent / "examples" / "benchmark"
 BY_FILE = ("ppo", "maskable_ppo", "recurrent_ppo", "dqn")
 IMAGES = ("images_frozen", "images_tuned", "images_new")
+FEW = ("--plan.train", "0", "--plan.calibration", "3", "--plan.test", "2", "--plan.repeats", "2", "--jobs", "1")
 
 pytestmark = [pytest.mark.torch, pytest.mark.mujoco]
 
@@ -45,8 +49,7 @@ def run(tmp_path, monkeypatch):
         monkeypatch.setattr(sys, "argv", [name, *words])
         return main() if name == "activetouch" else runpy.run_path(name, run_name="__main__")
 
-    few = ("--plan.train", "0", "--plan.calibration", "3", "--plan.test", "2", "--plan.repeats", "2", "--jobs", "1")
-    run("activetouch", "collect", "--scene", "coarse", *few, "--out", "data/coarse-repeats")
+    run("activetouch", "collect", "--scene", "coarse", *FEW, "--out", "data/coarse-repeats")
     return run
 
 
@@ -71,7 +74,7 @@ def test_encoders_keep_take_or_ignore_the_weights_of_the_reader(run):
     from activetouch import TactileSensor
 
     zoo, reader = runpy.run_path("zoo.py"), TactileSensor.shipped("coarse").reader
-    tests = zoo["Tests"](Path("data/coarse-repeats"), "calibration")
+    tests = zoo["Tests"](Card.named("coarse-v1"), Path("data/coarse-repeats"), "calibration")
     images = read_split(Path("data/coarse-repeats"), "calibration").images
     far = []
     for name in IMAGES:
@@ -89,7 +92,7 @@ def test_an_image_policy_sees_in_a_search_what_it_saw_in_training(run, capsys):
     import image_policy
 
     zoo = runpy.run_path("zoo.py")
-    tests = zoo["Tests"](Path("data/coarse-repeats"), "calibration")
+    tests = zoo["Tests"](Card.named("coarse-v1"), Path("data/coarse-repeats"), "calibration")
     episodes = tests.episodes(zoo["ZOO"]["images_new"], 4)
     episodes.restart(np.arange(4), np.random.default_rng(0))
     for pose in (2, 0, 2):
@@ -111,3 +114,25 @@ def test_a_study_writes_a_row_for_each_training(run):
     assert [(row["agent"], row["trial"], row["steps"]) for row in rows] == [("dqn", "0", "19"), ("dqn", "1", "19")]
     assert len({row["learning_rate"] for row in rows}) == 2
     assert {row["n_epochs"] for row in rows} == {""}
+
+
+def test_an_agent_learns_for_a_task_of_more_objects_and_shapes(run, capsys):
+    run("activetouch", "collect", "--scene", "many", *FEW, "--out", "data/many-repeats")
+    zoo = run("zoo.py", "ppo", "--task", "many-v1", "--steps", "1")
+    assert "runs/zoo-many-v1/ppo-0.zip: return" in capsys.readouterr().out
+    assert [name.partition("-")[0] for name in zoo["TASKS"]] == ["coarse", "gel", "hard", "keyed", "many", "paper"]
+    coarse, many = (zoo["ZOO"]["ppo"].for_task(zoo["TASKS"][name]) for name in ("coarse-v1", "many-v1"))
+    assert (coarse.steps, many.steps) == (100_000, 200_000)
+    assert coarse.target_prob == pytest.approx((0.05, 0.95))
+    assert many.target_prob[0] < 1 / 12 < many.target_prob[1] < 0.5
+
+
+def test_nothing_learns_from_another_scene_or_with_the_seed_of_the_task(run, capsys):
+    with pytest.raises(WrongScene, match="coarse-repeats was made for another scene"):
+        run("zoo.py", "ppo", "--task", "gel-v1", "--data", "data/coarse-repeats")
+    run("activetouch", "collect", "--scene", "coarse", *FEW, "--plan.seed", "2026", "--out", "data/played")
+    with pytest.raises(BadArgument, match="data/played has the seed of coarse-v1"):
+        run("zoo.py", "ppo", "--data", "data/played")
+    with pytest.raises(SystemExit):
+        run("zoo.py", "ppo", "--seeds", "0", "2026")
+    assert "2026 is the seed of coarse-v1" in capsys.readouterr().err

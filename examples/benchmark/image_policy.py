@@ -62,20 +62,21 @@ class Encoder(BaseFeaturesExtractor):
 
     Args:
         space: of the observations.
+        sensor: name of the shipped sensor.
         frozen: whether the network keeps the weights of the reader.
         new: whether it begins with random weights, and a linear layer, in place of hypotheses, tells the shapes.
     """
 
-    def __init__(self, space: spaces.Box, frozen: bool = False, new: bool = False) -> None:
-        sensor = TactileSensor.shipped("coarse")
-        card, self.image_shape = sensor.reader.card, sensor.scene.image_shape
+    def __init__(self, space: spaces.Box, sensor: str, frozen: bool = False, new: bool = False) -> None:
+        shipped = TactileSensor.shipped(sensor)
+        card, self.image_shape = shipped.reader.card, shipped.scene.image_shape
         self._poses, self._pixels, self._shapes = (
-            len(sensor.pose_labels),
+            len(shipped.pose_labels),
             int(np.prod(self.image_shape)),
             len(card.shape_labels),
         )
         super().__init__(space, space.shape[0] - self._poses * (self._pixels - self._shapes))
-        self._reader, self._new = sensor.reader, new
+        self._reader, self._new = shipped.reader, new
         self.network = TouchNetwork(card)
         del self.network.hypotheses
         self.shapes = torch.nn.Linear(card.embedding, self._shapes * (1 if new else HYPOTHESES), bias=new)

@@ -7,7 +7,13 @@ activetouch benchmark --task coarse-v1 --agent sb3:runs/zoo/ppo-0.zip --out ppo-
 Agents learn from the touches of the first line, which takes two minutes. ppo, maskable_ppo and dqn observe the belief
 and the expected information of each pose; recurrent_ppo observes what the classifier says of each touch alone, and its
 LSTM remembers; images_frozen, images_tuned and images_new observe images (image_policy.py plays them). These four learn
-with the paper's shaping reward, from a belief that they do not see.
+with the paper's shaping reward, from a belief that they do not see; the sensor of keyed-v1 has no model for that.
+
+python zoo.py ppo --task gel-v1       (writes runs/zoo-gel-v1/ppo-0.zip)
+
+The first line for another task has the name of its scene, as --scene gel and --out data/gel-repeats, and fewer objects,
+as many or large images take disk: --plan.calibration 200 --plan.test 100 for gel and paper, 100 and 50 for hard, many
+and keyed.
 
 python zoo.py ppo dqn --seeds 0 1     (two of each)
 python zoo.py dqn --study 4          (varies settings with Optuna, `pip install optuna`; adds to runs/zoo/study.csv)
@@ -32,12 +38,16 @@ import torch
 from image_policy import Encoder, ImageEpisodes
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor
 from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.sb3 import BankVecEnv
-from activetouch.sensor_files import MODELS, fitted_model
+from activetouch.named_scenes import SCENES
+from activetouch.scene_description import require_scene, scene_fields
+from activetouch.sensor_files import fitted_model
+from experiments.command_line.arguments import BadArgument
 from experiments.ppo.training import TEST, TRAINING, Score, kept_bank, play
+from experiments.search.benchmark.cards import Card
 
 PPO = {"learning_rate": 3e-3, "ent_coef": 0.003, "n_epochs": 10, "n_steps": 16, "batch_size": 512, "gae_lambda": 0.95}
 SMALL = {"net_arch": [64, 64]}
@@ -61,10 +71,11 @@ class Learner:
     Attributes:
         algorithm: a class of Stable-Baselines3 or sb3-contrib, with its policy.
         sees: "gains", "paper" or "images".
-        steps: of all environments together.
+        steps: of all environments together, in a task of four shapes; one of more has twice as many.
         settings: arguments of the algorithm; a study varies those in :data:`STUDIED`.
         network: the argument ``policy_kwargs``.
-        target_prob: prior of the target, or its range. At 0.3, learners without a belief reject untouched objects.
+        target_prob: prior of the target, or its range; by default a range that fits the task. At 0.3, learners without
+            a belief reject untouched objects.
         num_envs: tests at once.
         beta: weight of the paper's shaping reward.
     """
@@ -75,9 +86,19 @@ class Learner:
     steps: int
     settings: dict[str, Any]
     network: dict[str, Any] = field(default_factory=lambda: SMALL)
-    target_prob: float | tuple[float, float] = (0.05, 0.95)
+    target_prob: float | tuple[float, float] | None = None
     num_envs: int = 128
     beta: float = 0.0
+
+    def for_task(self, card: Card) -> "Learner":
+        """The same, with the steps and the priors for a task.
+
+        Of n objects, each is the target with a probability of 1/n at first. An agent that learned from much higher
+        priors would reject the target too often.
+        """
+        prob, number = self.target_prob, card.num_objects
+        steps = self.steps * (2 if card.problem.num_shapes > 4 else 1)
+        return replace(self, steps=steps, target_prob=(0.2 / number, 3.8 / number) if prob is None else prob)
 
 
 def _images(steps: int, learning_rate: float, **encoder: bool) -> Learner:
@@ -122,20 +143,39 @@ ZOO = {
 }
 
 
-class Tests:
-    """Tests of single objects on the touches of one split of a collection."""
+def scene_of(card: Card) -> str:
+    """Name of the scene of a task; a task in a tray has none."""
+    return str(card.setting.get("choice", {}).get("scene"))
 
-    def __init__(self, data: Path, split: str) -> None:
-        sensor = TactileSensor.shipped("coarse")
-        self.bank = kept_bank(sensor.reader, data, split, data.parent / "coarse-zoo-bank" / split)
-        self._joint, self._single = sensor.model, fitted_model(MODELS / "coarse", independent=True).model
-        self._data, self._split = data, split
+
+TASKS = {card.name: card for card in Card.every() if scene_of(card) in SCENES}
+
+
+class Tests:
+    """Tests of single objects on the touches of one split of a collection from the scene of a task.
+
+    Raises:
+        WrongScene: the collection is of another scene.
+        BadArgument: its objects have the seed of the task.
+    """
+
+    def __init__(self, card: Card, data: Path, split: str) -> None:
+        manifest, sensor = read_manifest(data), card.rules.open_sensor()
+        require_scene(f"the collection {data}", manifest.scene, scene_fields(sensor.scene))
+        if manifest.plan.seed == card.seed:
+            raise BadArgument(
+                f"{data} has the seed of {card.name}: collect it with another --plan.seed than {card.seed}"
+            )
+        self.bank = kept_bank(sensor.reader, data, split, data.parent / f"{scene_of(card)}-zoo-bank" / split)
+        self._joint, self.card, self._data, self._split = sensor.model, card, data, split
 
     def episodes(self, learner: Learner, num_envs: int, **settings: Any) -> BankEpisodes:
         """Many tests at once, of what a learner sees."""
+        settings = {"touch_cost": self.card.rules.touch_cost, **settings}
         if learner.sees == "gains":
             return BankEpisodes(self.bank, self._joint, None, num_envs, "goal", **settings)
-        task = self.bank, self._single, None, num_envs, "paper"
+        single = fitted_model(self.card.rules.sensor_folder, independent=True).model
+        task = self.bank, single, None, num_envs, "paper"
         if learner.sees == "paper":
             return BankEpisodes(*task, **settings)
         images = read_split(self._data, self._split).images
@@ -145,15 +185,17 @@ class Tests:
 
 def train(learner: Learner, tests: Tests, seed: int, tensorboard: str | None = None) -> Any:
     """A trained model."""
-    settings = dict(learner.settings)
+    settings, network = dict(learner.settings), dict(learner.network)
     rate = settings.pop("learning_rate")
+    if learner.sees == "images":
+        network["features_extractor_kwargs"] = {"sensor": scene_of(tests.card), **network["features_extractor_kwargs"]}
     episodes = tests.episodes(learner, learner.num_envs, target_prob=learner.target_prob, beta=learner.beta)
     model = learner.algorithm(
         learner.policy,
         BankVecEnv(episodes, seed),
         learning_rate=lambda left: rate * max(left, 0.0),  # the last rollout may end later than the steps
         gamma=1.0,
-        policy_kwargs=learner.network,
+        policy_kwargs=network,
         seed=seed,
         device="cpu",
         tensorboard_log=tensorboard,
@@ -213,19 +255,26 @@ def main() -> None:
     """Train agents, or search for the settings of one."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="+", choices=ZOO, metavar="NAME", help=", ".join(ZOO))
+    parser.add_argument("--task", choices=TASKS, default="coarse-v1")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--steps", type=int, help="of all environments together, in place of the agent's own")
-    parser.add_argument("--data", type=Path, default=Path("data/coarse-repeats"))
-    parser.add_argument("--out", type=Path, default=Path("runs/zoo"))
+    parser.add_argument("--data", type=Path, help="data/SCENE-repeats by default")
+    parser.add_argument("--out", type=Path, help="runs/zoo by default, and runs/zoo-TASK for another task")
     parser.add_argument("--tensorboard")
     parser.add_argument("--study", type=int, metavar="TRIALS", help="search for settings, in so many trainings")
     parser.add_argument("--share", type=float, default=0.3, help="length of such a training")
     given = parser.parse_args()
     torch.set_num_threads(1)
-    tests, others = Tests(given.data, TRAINING), Tests(given.data, TEST)
+    card = TASKS[given.task]
+    if card.seed in given.seeds:
+        parser.error(f"--seeds: {card.seed} is the seed of {card.name}")
+    data = given.data or Path("data", f"{scene_of(card)}-repeats")
+    given.out = given.out or Path("runs", "zoo" if given.task == parser.get_default("task") else f"zoo-{given.task}")
+    tests, others = Tests(card, data, TRAINING), Tests(card, data, TEST)
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.names:
-        learner = ZOO[name] if given.steps is None else replace(ZOO[name], steps=given.steps)
+        learner = ZOO[name].for_task(card)
+        learner = replace(learner, steps=given.steps or learner.steps)
         if given.study:
             study(name, learner, tests, others, given)
             continue
