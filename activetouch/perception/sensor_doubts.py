@@ -5,10 +5,10 @@ twenty coarse alternatives to the described state explain it, with the reader of
 where a shape is probable, whether presses of what is believed look like it
 (:mod:`activetouch.perception.pressed_beliefs`).
 
-In doubt, the listed states of the sensor are weighed, and whether its images are turned or mirrored; what is then
-believed is pressed in the likeliest of them. If that does not look like what was felt, changes of this state are
-composed, one at a time, as long as each explains the touches better than a penalty costs. The pads that a description
-allows are weighed from the first touch, and nothing is composed.
+In doubt, the listed states of the sensor are weighed; what is then believed is pressed in the likeliest of them. If
+that does not look like what was felt, changes of this state are composed, one at a time, as long as each explains the
+touches better than a penalty costs. The pads that a description allows are weighed from the first touch, and nothing is
+composed.
 """
 
 from __future__ import annotations
@@ -20,14 +20,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
-from activetouch.perception.contacts.random_views import log_normalisers, random_views
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, regridded, sensor_state
 from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
 from activetouch.perception.proportions import OtherProportions
@@ -39,8 +38,8 @@ from activetouch.scene import Scene
 from belief.observation_model.doubted_sensor import DoubtedEvidence, DoubtedSensorModel, Explanation
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.rigid_body import RigidBodyModel, joint_model
-from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body_evidence import joint_evidence
 from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import SensorHealth, spread_prior
 from belief.observation_model.varied_bodies import SHARE, VariedBodyModel, VariedEvidence
@@ -77,18 +76,6 @@ _COARSE = (
     {"shift": (0.0, 0.25)},
 )
 """Changes of the described state that are asked about after every touch; those beyond a reader are limited."""
-_TURNS: tuple[tuple[str, Callable[[Any], Any]], ...] = (
-    ("mirrored left to right", lambda image: image[..., ::-1]),
-    ("mirrored top to bottom", lambda image: image[..., ::-1, :]),
-    ("turned by 180°", lambda image: image[..., ::-1, ::-1]),
-    ("turned by 90°", lambda image: np.rot90(image, 1, (-2, -1))),
-    ("turned by 270°", lambda image: np.rot90(image, 3, (-2, -1))),
-    ("with rows for columns", lambda image: np.swapaxes(image, -2, -1)),
-    ("with rows for columns, turned by 180°", lambda image: np.swapaxes(image, -2, -1)[..., ::-1, ::-1]),
-)
-"""How a pad may be mounted or wired otherwise than described, as what undoes it for images ``(..., n, n)``."""
-_TURNED = 0.004  # prior probability of all of these together
-_UNTURNED = 0.01  # log of the posterior that none of them is so, from which they are not weighed
 _NOMINAL = 0.9  # prior probability of the described state
 _USUAL, _WIDTH, _STRANGE, _WIDE = -0.4, 1.5, 2.5, 2.5  # normal densities of discrepancies: usual ones, and others
 _NAMED = 0.8  # probability of a shape, for one object alone, from which it is pressed as it is believed to be
@@ -302,17 +289,14 @@ class SensorDoubts:
             return Explanation(log_likelihoods, str(health), _BLANK)
         inferred = [one.inferred for one in objects]
         found = self._checked(objects, inferred, log_likelihoods, health, self._listed[1])
-        if self._is_of_pad:
-            return found
-        found = self._turned(objects, inferred, found)
-        if found.log_unexplained < _UNEXPLAINED:
+        if found.log_unexplained < _UNEXPLAINED or self._is_of_pad:
             return found
         for composed in self._composed(objects, int(health.probs[:-1].argmax())):
             evidence = [self._in_composed(one, composed.model) for one in objects]
             likely, health = composed.model.over_objects(evidence, 0.0)
             other = self._checked(objects, evidence, likely, health, composed.states)
             found = other if other.log_unexplained < found.log_unexplained else found
-        return found if found.log_unexplained < _UNEXPLAINED else self._turned(objects, inferred, found, is_odd=True)
+        return found
 
     def _checked(
         self,
@@ -327,79 +311,6 @@ class SensorDoubts:
         weights = [_Believed(one.log_weights[best - 1]) if best else _believed(one.nominal) for one in inferred]
         odd = self._oddness(objects, list(likely), weights, _row(states, best), health.labels[best])
         return Explanation(likely, str(health), 0.0 if odd is None else _log_factor(odd))
-
-    def _turned(
-        self,
-        objects: Sequence[DoubtedEvidence],
-        inferred: Sequence[SensorEvidence],
-        found: Explanation,
-        is_odd: bool = False,
-    ) -> Explanation:
-        """What listed states say, and whether images are turned that the sensor makes as described.
-
-        Scores of different images are compared by what they are beside those of random bodies. If what was felt
-        ``is_odd`` in all states, the likeliest turn is taken where presses look more like it.
-        """
-        states = self.states()
-        parts = [
-            own.log_bets + (own.nominal.constant - self._of_some_body(one.again))
-            for one, own in zip(objects, inferred, strict=True)
-        ]
-        listed = float(np.logaddexp.reduce(states.log_prior + np.sum(parts, axis=0))) + math.log1p(-_TURNED)
-        rows, bets = [found.log_likelihoods], [listed]
-        for turn in range(len(_TURNS)):
-            turned = [self._in_turn(one, turn) for one in objects]
-            read = [cast("RigidBodyEvidence | VariedEvidence", one.nominal) for one in turned]
-            rows.append(np.stack([one.log_likelihood for one in read]))
-            usual = [
-                one.constant - self._of_some_body(before.touches) for one, before in zip(read, turned, strict=True)
-            ]
-            evidence = np.logaddexp.reduce(rows[-1], axis=1) - math.log(rows[-1].shape[1])
-            bets.append(float(np.sum(evidence + usual)) + math.log(_TURNED / len(_TURNS)))
-        log_weights = np.array(bets) - np.logaddexp.reduce(bets)
-        if log_weights[0] > -_UNTURNED and not is_odd:
-            return found
-        shares = [some - np.logaddexp.reduce(some, axis=1, keepdims=True) for some in rows]
-        mixed = np.logaddexp.reduce(log_weights[:, None, None] + np.stack(shares), axis=0)
-        best = int(log_weights.argmax()) - 1
-        if best < 0 and not is_odd:
-            return found._replace(log_likelihoods=mixed)
-        best = int(log_weights[1:].argmax())
-        name = _TURNS[best][0]
-        turned = [self._in_turn(one, best) for one in objects]
-        weights = [_believed(one.nominal) for one in turned]
-        odd = self._oddness(turned, list(rows[best + 1]), weights, self.described, "described")
-        other = Explanation(mixed, f"images {name}", 0.0 if odd is None else _log_factor(odd))
-        if log_weights[0] < log_weights[best + 1]:
-            return other
-        is_better = other.log_unexplained < found.log_unexplained - _UNEXPLAINED
-        return other._replace(log_likelihoods=shares[best + 1]) if is_better else found
-
-    def _of_some_body(self, touches: Sequence[Touch]) -> float:
-        """Log evidence of touches if each was of some random body, the sensor as described."""
-        embeddings = np.stack([_features(touch) for touch in touches])
-        return float(log_normalisers(self._views, embeddings, 1.0 / self._temperature).sum())
-
-    @cached_property
-    def _views(self) -> Floats32:
-        return random_views(self._hypotheses, self.imaging.code(self.described))[0]
-
-    @cached_property
-    def _temperature(self) -> float:
-        found = joint_model(self.states().nominal)
-        assert found is not None, "of a rigid body"
-        return found.temperature
-
-    def _in_turn(self, one: DoubtedEvidence, turn: int) -> DoubtedEvidence:
-        """The evidence of touches whose images are turned back, of the sensor as described."""
-        key = "turned", turn
-        if key not in one.kept:
-            change, start = _TURNS[turn][1], self.states().nominal.start().untested()
-            turned = [replace(touch, image=np.ascontiguousarray(change(touch.image))) for touch in one.touches]
-            read = map(self.read_again, turned)
-            one.kept[key] = DoubtedEvidence(one.model, start).updated(read)
-        found: DoubtedEvidence = one.kept[key]
-        return found
 
     def _in_composed(self, one: DoubtedEvidence, model: SensorHealthModel) -> SensorEvidence:
         key = model.world_labels

@@ -119,19 +119,3 @@ def test_who_cannot_doubt_its_description_says_so():
         asked_state(unknown=True, doubted=True)
     assert asked_state(unknown=False, doubted=True) is None
     assert asked_state(unknown=True, doubted=False)
-
-
-@pytest.mark.mujoco
-def test_images_of_a_pad_that_is_wired_the_other_way_round_are_turned_back():
-    sensor = TactileSensor.shipped("coarse", unknown_state=None)
-    scene, in_doubt = sensor.scene, replace(sensor.model.health(), in_doubt=True).log_bets
-    named = {}
-    for words, turned in (("described", np.asarray), ("images mirrored left to right", np.fliplr)):
-        rng, belief = np.random.default_rng(3), SceneBelief(sensor.problem(), sensor.model, log_bets=in_doubt)
-        for number in range(4):
-            obj = scene.sample_object(number, rng)
-            felt = np.stack([turned(scene.press(obj, pose, rng).image) for pose in range(5)])
-            belief.update(number, sensor.read(felt, range(5)))
-        assert words in str(belief.sensor_health)
-        named[words] = belief.marginals().argmax(axis=1).tolist()
-    assert [*named.values()] == [[0, 1, 2, 3]] * 2
