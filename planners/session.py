@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,31 +31,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.bayes import Belief
+from belief.constraints import NOT_NEGATIVE, require_rule
 from belief.errors import InvalidArgument
 from belief.naming import NONE_OF_THESE, UNKNOWN, UNLISTED, Name, index_of, one_line, shape_name
 from belief.observation_model.model import ObservationModel
-from belief.problem import Action, Probe, SearchProblem, Touch, Unsure
+from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneView
 from belief.search_progress import Outcome, SearchProgress
+from belief.validation import require_index
 from planners.decider import Decider, Decision, InformationState, checked_decision
-from planners.episode import MOVED, Episode, Step
+from planners.episode import ACTION_NAMES, ACTIONS, MOVED, Episode, Step
+from planners.session_log import AlreadyTold as AlreadyTold  # documented here
 from planners.session_log import (
-    SCHEMA,
     AskAndTell,
     ImageReader,
-    Listener,
     Told,
     decider_fields,
     digests,
-    event_fields,
     problem_fields,
     problem_from,
     reading,
     require_digests,
     standing_of,
-    told_from,
 )
-from planners.session_log import AlreadyTold as AlreadyTold  # documented here
 
 
 class SessionSettings(TypedDict, total=False):
@@ -67,7 +66,7 @@ class SessionSettings(TypedDict, total=False):
     least_area: float | None
 
 
-class Session(AskAndTell[Told]):
+class Session(AskAndTell):
     """A search that asks for touches and is told what was felt.
 
     The same seed and the same touches give the same actions as :func:`planners.search.search`, to the last bit, also if
@@ -100,7 +99,7 @@ class Session(AskAndTell[Told]):
         ValueError: a target, a seed or a number out of range; arguments that do not fit each other.
     """
 
-    schema = SCHEMA
+    schema = "activetouch session 1"
 
     def __init__(
         self,
@@ -130,7 +129,10 @@ class Session(AskAndTell[Told]):
         self.problem, self.model = self._progress.problem, model
         self._may_move = getattr(model, "moves", None) is not None
         self.decider, self._log_bets, self._prior = decider, log_bets, prior
-        self._listener = Listener(self.problem, model, reader, least_force, least_area)
+        self._reader = reader
+        self._least_force, self._least_area = least_force, least_area
+        for name, limit in (("least_force", least_force), ("least_area", least_area)):
+            _not_negative(name, limit)
         self.arrangement = self._shapes([None] * self.problem.num_objects if arrangement is None else arrangement)
         self._steps: list[Step] = []
 
@@ -204,11 +206,57 @@ class Session(AskAndTell[Told]):
         self.ask()
         if self._asked is None:
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
-        asked = self._asked, self._rng.bit_generator.state, self.object_index
-        told = self._listener.told(*asked, touch, image, missed, pose, force, area)
+        told = self._told(touch, image, missed, pose, force, area)
         if told.kind != "done" and not self._progress.may_touch:
             raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
         self._take(told)
+
+    def _told(
+        self, touch: Touch | None, image: Any, missed: bool, pose: Any, force: float | None, area: float | None
+    ) -> Told:
+        """What the answer to the question that waits means; see :meth:`tell`."""
+        asked = self._asked, self._rng.bit_generator.state, self.object_index
+        action = self._asked.action
+        wanted = action.pose if isinstance(action, Probe) else None
+        if wanted is None and not missed and all(part is None for part in (touch, image, pose, force, area)):
+            return Told(*asked, time=time.time())
+        if (touch is not None) + (image is not None) + bool(missed) != 1:
+            raise InvalidArgument(
+                f"asked was {self._in_words(action)}; a touch is told by one of tell(touch), tell(image=…) and "
+                "tell(missed=True), another action that was carried out by tell() without arguments"
+            )
+        if touch is not None and not isinstance(touch, Touch):
+            raise InvalidArgument(f"a touch must be a Touch, such as Touch(pose, logits), got {touch!r:.60}")
+        place = next((p for p in (pose, touch.pose if touch else None, wanted) if p is not None), None)
+        if place is None:
+            raise InvalidArgument(f"asked was {self._in_words(action)}, so say in which pose: tell(…, pose=…)")
+        at, elsewhere = self._place(place)
+        elsewhere = touch.elsewhere if touch is not None and pose is None else elsewhere
+        force, area = _not_negative("force", force), _not_negative("area", area)
+        if image is not None:
+            if self._reader is None:
+                raise InvalidArgument("this session has no reader of images; a sensor's has one: sensor.session(…)")
+            image, touch, seen = self._reader.read(image, at)
+            area = seen if area is None else area
+        is_miss = bool(missed) or _is_within(force, self._least_force) or _is_within(area, self._least_area)
+        if is_miss:
+            of_miss = getattr(self.model, "missed", None)
+            touch = None if of_miss is None else of_miss(at)
+        elif touch is not None and (touch.pose != at or touch.elsewhere is not elsewhere):
+            touch = replace(touch, pose=at, elsewhere=elsewhere)
+        return Told(*asked, touch, is_miss, image, force, area, time.time())
+
+    def _place(self, pose: Any) -> tuple[int, Elsewhere | None]:
+        if not isinstance(pose, Mapping):
+            return index_of("pose", self.problem.pose_labels, pose), None
+        if self._reader is None:
+            raise InvalidArgument(
+                f"a place that is no pose, such as {pose!r:.80}, needs a session of a sensor: sensor.session(…)"
+            )
+        return self._reader.at(pose)
+
+    def _in_words(self, action: Action) -> str:
+        return f"a touch in pose {self.problem.pose_labels[action.pose]}" if isinstance(action, Probe) else f"{action}"
 
     def reveal(self, arrangement: Sequence[Name | None]) -> None:
         """Say which shapes the objects really have, for scoring and for recordings; it is no evidence.
@@ -266,7 +314,7 @@ class Session(AskAndTell[Told]):
             InvalidArgument: the session has no reader of images that knows how objects lie; or no such object.
             UnknownName: there is no such shape.
         """
-        find = getattr(self._listener.reader, "pose", None)
+        find = getattr(self._reader, "pose", None)
         if find is None:
             raise InvalidArgument(
                 "only a session of a tactile sensor knows how objects lie, one that sensor.session begins"
@@ -369,10 +417,51 @@ class Session(AskAndTell[Told]):
             self.ask()  # where the touch limit ended the search, its outcome is known again
 
     def _fields(self, told: Told) -> dict[str, Any]:
-        return event_fields(told, self.problem)
+        action, touch, poses = told.asked.action, told.touch, self.problem.pose_labels
+        line: dict[str, Any] = {
+            "told": told.kind,
+            "object": told.object_index,
+            "time": told.time,
+            "asked": {"pose": poses[action.pose]} if isinstance(action, Probe) else ACTION_NAMES[type(action)],
+            "scores": dict(told.asked.scores),
+            "rng": told.rng,
+        }
+        from belief.journal import array_field
+
+        arrays = {} if touch is None else {"logits": touch.logits, "features": touch.features}
+        if touch is not None:
+            line["pose"] = poses[touch.pose]
+            line |= {} if touch.elsewhere is None else {"place": list(touch.elsewhere.place)}
+        arrays["image"] = told.image
+        line |= {name: array_field(array) for name, array in arrays.items() if array is not None}
+        return line | {name: value for name in ("force", "area") if (value := getattr(told, name)) is not None}
 
     def _answer_from(self, line: Mapping[str, Any]) -> Told:
-        return told_from(line, self.problem, self._listener.reader)
+        from belief.journal import array_from
+
+        problem, asked, reader = self.problem, line["asked"], self._reader
+        names = "logits", "features", "image"
+        logits, features, image = (array_from(line[name]) if name in line else None for name in names)
+        pose = None if isinstance(asked, str) else index_of("pose", problem.pose_labels, asked["pose"])
+        scores = {str(name): float(value) for name, value in line["scores"].items()}
+        if (kind := line["told"]) not in ("touch", "miss", "done"):
+            raise ValueError(f"nothing known was told: {kind!r}")
+        touch = None
+        if "pose" in line:
+            at = index_of("pose", problem.pose_labels, line["pose"])
+            if "place" in line and reader is None:
+                raise ValueError(
+                    "a touch was made at a place that is no pose; give the reader that the session began with"
+                )
+            elsewhere = reader.at({"place": line["place"]})[1] if "place" in line and reader is not None else None
+            touch = Touch(at, logits, features, elsewhere)
+        if kind != "miss" and (touch is None) == (kind == "touch"):
+            raise ValueError("a touch needs a pose, and an action that is no touch has none")
+        force, area = (_not_negative(name, line.get(name)) for name in ("force", "area"))
+        decision = Decision(ACTIONS[asked] if pose is None else Probe(pose), scores)
+        require_index("object", line["object"], problem.num_objects)
+        rest = touch, kind == "miss", image, force, area, float(line["time"])
+        return Told(decision, line["rng"], line["object"], *rest)
 
     def _learn(self, truth: Mapping[str, Any]) -> None:
         self.arrangement = self._shapes(truth["arrangement"])
@@ -393,7 +482,6 @@ class Session(AskAndTell[Told]):
     @property
     def set_up(self) -> dict[str, Any]:
         """What the session began with, as JSON types: the fields of the first line of its log."""
-        listener = self._listener
         return {
             "problem": problem_fields(self.problem),
             "target": self.problem.shape_labels[self.target],
@@ -403,10 +491,10 @@ class Session(AskAndTell[Told]):
             "decider": decider_fields(self.decider),
             "stop_rule": getattr(self.decider, "stop_rule", None),
             "log_bets": np.asarray(self._log_bets, np.float64).tolist(),
-            "least_force": listener.least_force,
-            "least_area": listener.least_area,
+            "least_force": self._least_force,
+            "least_area": self._least_area,
             **({} if self._prior is None else {"prior": self._prior.probs.tolist()}),
-            **digests(self.model, listener.reader),
+            **digests(self.model, self._reader),
         }
 
 
@@ -415,3 +503,14 @@ def likeliest(belief: Belief) -> tuple[int, float]:
     best = int(belief.log_probs.argmax())
     stated = float(np.exp(belief.log_probs[best]))
     return (UNLISTED, belief.unlisted) if belief.unlisted > stated else (best, stated)
+
+
+def _is_within(number: float | None, limit: float | None) -> bool:
+    return number is not None and limit is not None and number <= limit
+
+
+def _not_negative(name: str, value: float | None) -> float | None:
+    if value is None:
+        return None
+    require_rule(name, value, NOT_NEGATIVE)
+    return float(value)

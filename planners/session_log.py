@@ -1,4 +1,4 @@
-"""What sessions of all kinds of searches share, and the answers and lines of a log of searches among objects.
+"""What sessions of all kinds of searches share, and the set-up of searches among objects in a log.
 
 A session numbers its questions and keeps all answers, so that :meth:`AskAndTell.undo` and a log (docs/session_log.md)
 lead to the same state again, by the same sums in the same order.
@@ -13,31 +13,24 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.composition import AtMostOne, Composition, Counts
-from belief.constraints import NOT_NEGATIVE, NotNegative, check, require_rule
 from belief.errors import CorruptFile, InvalidArgument
-from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
-from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
+from belief.problem import Elsewhere, SearchProblem, Touch
 from belief.search_progress import Outcome
 from belief.seeding import checked_key, deciding_rng
-from belief.validation import are_finite, require_index
-from planners.decider import Decision
-from planners.episode import ACTION_NAMES, ACTIONS
+from belief.validation import are_finite
 
 if TYPE_CHECKING:
     from belief.journal import Journal
-
-SCHEMA = "activetouch session 1"
-"""First field of the first line; the number grows when a reader of older logs could be misled."""
 
 _NOT_OF_THE_SEARCH = {"schema", "time", "arrangement", "decider", "stop_rule", "model_sha256", "reader_sha256"}
 
@@ -50,28 +43,36 @@ class AlreadyTold(InvalidArgument):
     """A question was answered twice, or an answer came late; nothing has changed."""
 
 
-class Answer(Protocol):
-    """What was told in answer to one question."""
+@dataclass(frozen=True, eq=False)
+class Told:
+    """The answer of a robot to one question.
 
-    @property
-    def asked(self) -> Any:
-        """The decision that was answered; None where nothing was asked."""
+    ``rng`` is the state of the decider's generator after the decision ``asked``, which is None where a press in a tray
+    came unasked. ``touch`` is None for a miss without evidence, and for an action that is no touch; in a tray it is a
+    :class:`belief.tray.PlaceTouch` at ``place`` (x, y) [m]. ``image`` is what it was read from, or None. ``force`` [N]
+    and ``area`` [m²] are of the contact, if known; ``time`` is in s since 1970.
+    """
 
-    @property
-    def rng(self) -> Mapping[str, Any]:
-        """State of the decider's generator after that decision."""
+    asked: Any
+    rng: Mapping[str, Any]
+    object_index: int = 0
+    touch: Any = None
+    is_miss: bool = False
+    image: NDArray[Any] | None = None
+    force: float | None = None
+    area: float | None = None
+    time: float = 0.0
+    place: tuple[float, float] | None = None
 
     @property
     def kind(self) -> str:
         """Kind of the answer: touch, miss or done."""
+        return "miss" if self.is_miss else "done" if self.touch is None else "touch"
 
 
-AnswerT = TypeVar("AnswerT", bound=Answer)
-
-
-def standing_of(events: Sequence[AnswerT | None]) -> tuple[list[AnswerT], AnswerT | None]:
+def standing_of(events: Sequence[Told | None]) -> tuple[list[Told], Told | None]:
     """The answers that were not taken back, and the one that the last event took back, if it did."""
-    standing: list[AnswerT] = []
+    standing: list[Told] = []
     undone = None
     for event in events:
         undone = standing.pop() if event is None else None
@@ -91,7 +92,7 @@ def reading(path: Path) -> Iterator[None]:
         raise CorruptFile(f"{path} is no log of a session: {error}") from error
 
 
-class AskAndTell(ABC, Generic[AnswerT]):
+class AskAndTell(ABC):
     """A search whose actions somebody else carries out: the part that knows nothing of what is searched.
 
     A copy of a session goes on by itself, from the same state and without the log.
@@ -107,7 +108,7 @@ class AskAndTell(ABC, Generic[AnswerT]):
         self.seed = checked_key(seed)
         self._journal: Journal | None = None
         self._rng = self._seeded()
-        self._events: list[AnswerT | None] = []  # None: the last one that stands is taken back
+        self._events: list[Told | None] = []  # None: the last one that stands is taken back
         self._asked: Any = None  # the decision that waits for its answer
 
     def __getstate__(self) -> dict[str, Any]:
@@ -135,15 +136,15 @@ class AskAndTell(ABC, Generic[AnswerT]):
         """Go to the state before the first answer."""
 
     @abstractmethod
-    def _apply(self, told: AnswerT) -> None:
+    def _apply(self, told: Told) -> None:
         """Count an answer; after an error, nothing has changed."""
 
     @abstractmethod
-    def _fields(self, told: AnswerT) -> dict[str, Any]:
+    def _fields(self, told: Told) -> dict[str, Any]:
         """The line of an answer in the log."""
 
     @abstractmethod
-    def _answer_from(self, line: Mapping[str, Any]) -> AnswerT:
+    def _answer_from(self, line: Mapping[str, Any]) -> Told:
         """The answer in a line of the log."""
 
     @abstractmethod
@@ -248,7 +249,7 @@ class AskAndTell(ABC, Generic[AnswerT]):
             self._journal.close()
         self._journal = None
 
-    def _take(self, told: AnswerT) -> None:
+    def _take(self, told: Told) -> None:
         """Count an answer and write it; after an error, nothing has changed."""
         self._apply(told)
         if self._journal is not None:
@@ -264,10 +265,10 @@ class AskAndTell(ABC, Generic[AnswerT]):
         if self._journal is not None:
             self._journal.append({"told": "truth", **truth, "time": time.time()})
 
-    def _line(self, told: AnswerT | None) -> dict[str, Any]:
+    def _line(self, told: Told | None) -> dict[str, Any]:
         return {"told": "undo", "time": time.time()} if told is None else self._fields(told)
 
-    def _restore(self, events: list[AnswerT | None]) -> None:
+    def _restore(self, events: list[Told | None]) -> None:
         """Begin again and count all answers, with the same sums in the same order."""
         self._events, self._asked = events, None
         self._rewind()
@@ -300,164 +301,6 @@ class ImageReader(Protocol):
 
     def at(self, place: Any) -> tuple[int, Elsewhere | None]:
         """The pose of a place that is given by numbers; if it is none of the poses, the nearest, and where it is."""
-
-
-@dataclass(frozen=True, eq=False)
-class Told:
-    """The answer of a robot to one question.
-
-    ``rng`` is the state of the decider's generator after the decision ``asked``. ``touch`` is None for a miss without
-    evidence, and for an action that is no touch; ``image`` is what it was read from, or None. ``force`` [N] and
-    ``area`` [m²] are of the contact, if known; ``time`` is in s since 1970.
-    """
-
-    asked: Decision
-    rng: Mapping[str, Any]
-    object_index: int
-    touch: Touch | None = None
-    is_miss: bool = False
-    image: NDArray[Any] | None = None
-    force: float | None = None
-    area: float | None = None
-    time: float = 0.0
-
-    @property
-    def kind(self) -> str:
-        """Kind of the answer: touch, miss or done."""
-        return "miss" if self.is_miss else "done" if self.touch is None else "touch"
-
-
-@dataclass(frozen=True)
-class Listener:
-    """Turns answers into :class:`Told`.
-
-    A contact with a stated force of at most ``least_force`` [N], or an area of at most ``least_area`` [m²], is a miss;
-    None for no limit. The method ``missed(pose)`` of the model, if it has one, gives the touch that a miss is.
-    """
-
-    problem: SearchProblem
-    model: ObservationModel
-    reader: ImageReader | None
-    least_force: NotNegative | None
-    least_area: NotNegative | None
-
-    def __post_init__(self) -> None:
-        check(self)
-
-    def told(
-        self,
-        asked: Decision,
-        rng: Mapping[str, Any],
-        object_index: int,
-        touch: Touch | None,
-        image: Any,
-        missed: bool,
-        pose: Any,
-        force: float | None,
-        area: float | None,
-    ) -> Told:
-        """What an answer means; see :meth:`planners.session.Session.tell` for its arguments and errors."""
-        action = asked.action
-        wanted = action.pose if isinstance(action, Probe) else None
-        if wanted is None and not missed and all(part is None for part in (touch, image, pose, force, area)):
-            return Told(asked, rng, object_index, time=time.time())
-        if (touch is not None) + (image is not None) + bool(missed) != 1:
-            raise InvalidArgument(
-                f"asked was {self._in_words(action)}; a touch is told by one of tell(touch), tell(image=…) and "
-                "tell(missed=True), another action that was carried out by tell() without arguments"
-            )
-        if touch is not None and not isinstance(touch, Touch):
-            raise InvalidArgument(f"a touch must be a Touch, such as Touch(pose, logits), got {touch!r:.60}")
-        place = next((p for p in (pose, touch.pose if touch else None, wanted) if p is not None), None)
-        if place is None:
-            raise InvalidArgument(f"asked was {self._in_words(action)}, so say in which pose: tell(…, pose=…)")
-        at, elsewhere = self._place(place)
-        elsewhere = touch.elsewhere if touch is not None and pose is None else elsewhere
-        force, area = _not_negative("force", force), _not_negative("area", area)
-        if image is not None:
-            if self.reader is None:
-                raise InvalidArgument("this session has no reader of images; a sensor's has one: sensor.session(…)")
-            image, touch, seen = self.reader.read(image, at)
-            area = seen if area is None else area
-        is_miss = bool(missed) or _is_within(force, self.least_force) or _is_within(area, self.least_area)
-        if is_miss:
-            of_miss = getattr(self.model, "missed", None)
-            touch = None if of_miss is None else of_miss(at)
-        elif touch is not None and (touch.pose != at or touch.elsewhere is not elsewhere):
-            touch = replace(touch, pose=at, elsewhere=elsewhere)
-        return Told(asked, rng, object_index, touch, is_miss, image, force, area, time.time())
-
-    def _place(self, pose: Any) -> tuple[int, Elsewhere | None]:
-        if not isinstance(pose, Mapping):
-            return index_of("pose", self.problem.pose_labels, pose), None
-        if self.reader is None:
-            raise InvalidArgument(
-                f"a place that is no pose, such as {pose!r:.80}, needs a session of a sensor: sensor.session(…)"
-            )
-        return self.reader.at(pose)
-
-    def _in_words(self, action: Action) -> str:
-        return f"a touch in pose {self.problem.pose_labels[action.pose]}" if isinstance(action, Probe) else f"{action}"
-
-
-def _is_within(number: float | None, limit: float | None) -> bool:
-    return number is not None and limit is not None and number <= limit
-
-
-def _not_negative(name: str, value: float | None) -> float | None:
-    if value is None:
-        return None
-    require_rule(name, value, NOT_NEGATIVE)
-    return float(value)
-
-
-def event_fields(told: Told, problem: SearchProblem) -> dict[str, Any]:
-    """A line of the log."""
-    action, touch, poses = told.asked.action, told.touch, problem.pose_labels
-    line: dict[str, Any] = {
-        "told": told.kind,
-        "object": told.object_index,
-        "time": told.time,
-        "asked": {"pose": poses[action.pose]} if isinstance(action, Probe) else ACTION_NAMES[type(action)],
-        "scores": dict(told.asked.scores),
-        "rng": told.rng,
-    }
-    from belief.journal import array_field
-
-    if touch is not None:
-        line["pose"] = poses[touch.pose]
-        line |= {} if touch.elsewhere is None else {"place": list(touch.elsewhere.place)}
-        line |= {name: array_field(row) for name in ("logits", "features") if (row := getattr(touch, name)) is not None}
-    if told.image is not None:
-        line["image"] = array_field(told.image)
-    return line | {name: value for name in ("force", "area") if (value := getattr(told, name)) is not None}
-
-
-def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageReader | None = None) -> Told:
-    """The answer in a line of the log."""
-    from belief.journal import array_from
-
-    asked, arrays = line["asked"], {}
-    for name in ("logits", "features", "image"):
-        arrays[name] = array_from(line[name]) if name in line else None
-    action = ACTIONS[asked] if isinstance(asked, str) else Probe(index_of("pose", problem.pose_labels, asked["pose"]))
-    scores = {str(name): float(value) for name, value in line["scores"].items()}
-    if (kind := line["told"]) not in ("touch", "miss", "done"):
-        raise ValueError(f"nothing known was told: {kind!r}")
-    touch = None
-    if "pose" in line:
-        pose = index_of("pose", problem.pose_labels, line["pose"])
-        if "place" in line and reader is None:
-            raise ValueError("a touch was made at a place that is no pose; give the reader that the session began with")
-        elsewhere = reader.at({"place": line["place"]})[1] if "place" in line and reader is not None else None
-        touch = Touch(pose, arrays["logits"], arrays["features"], elsewhere)
-    if kind != "miss" and (touch is None) == (kind == "touch"):
-        raise ValueError("a touch needs a pose, and an action that is no touch has none")
-    numbers = {name: _not_negative(name, line[name]) for name in ("force", "area") if name in line}
-    decision = Decision(action, scores)
-    at = line["object"]
-    require_index("object", at, problem.num_objects)
-    return Told(decision, line["rng"], at, touch, kind == "miss", arrays["image"], time=float(line["time"]), **numbers)
 
 
 def problem_fields(problem: SearchProblem) -> dict[str, Any]:

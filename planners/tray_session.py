@@ -18,7 +18,7 @@ from belief.search_progress import Outcome
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.tray import PlaceTouch, TrayBelief
 from belief.validation import are_finite
-from planners.session_log import AskAndTell, decider_fields
+from planners.session_log import AskAndTell, Told, decider_fields
 from planners.tray import (
     ConfirmAt,
     Press,
@@ -33,8 +33,6 @@ from planners.tray import (
 TrayAction: TypeAlias = Press | ConfirmAt | Reject | Unsure
 Lies: TypeAlias = tuple[str, float, float]
 """Shape and place (x, y) of an object [m]."""
-SCHEMA = "activetouch tray session 1"
-"""First field of the first line of a log; the number grows when a reader of older logs could be misled."""
 _PARKED = (0.0, 0.0)
 """Where the pad is at first [m]."""
 PLACELESS: Mapping[str, Reject | Unsure] = {"reject": Reject(), "unsure": Unsure()}
@@ -107,29 +105,7 @@ class TrayReader(Protocol):
         """The embedding of an image, and its level, see :class:`belief.tray.PlaceTouch`."""
 
 
-@dataclass(frozen=True, eq=False)
-class TrayTold:
-    """The answer of a robot to one question.
-
-    ``rng`` is the state of the decider's generator after the decision ``asked``, which is None where a press came
-    unasked. ``place`` and ``touch`` are None for an action that is no press; ``image`` is what a touch was read from.
-    ``time`` is in s since 1970.
-    """
-
-    asked: TrayDecision | None
-    rng: Mapping[str, Any]
-    place: tuple[float, float] | None = None
-    touch: PlaceTouch | None = None
-    image: NDArray[np.uint8] | None = None
-    time: float = 0.0
-
-    @property
-    def kind(self) -> str:
-        """Kind of the answer: touch, miss or done."""
-        return "done" if self.touch is None else "miss" if self.touch.embedding is None else "touch"
-
-
-class TraySession(AskAndTell[TrayTold]):
+class TraySession(AskAndTell):
     """A search in a tray whose touches somebody else makes, such as a robot.
 
     Args:
@@ -145,7 +121,7 @@ class TraySession(AskAndTell[TrayTold]):
         objects: true shape and place of each object, for scoring only; empty where nobody knows (:meth:`reveal`).
     """
 
-    schema = SCHEMA
+    schema = "activetouch tray session 1"
 
     def __init__(
         self,
@@ -245,7 +221,7 @@ class TraySession(AskAndTell[TrayTold]):
         if self._answer is not None:
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
         if place is None and image is None and height is None and not missed and not isinstance(self.ask(), Press):
-            self._take(TrayTold(self._asked, self._rng.bit_generator.state, time=time.time()))
+            self._take(self._told(self._asked, self._rng.bit_generator.state, time.time()))
             return
         x, y = self.place() if place is None else place
         self._require_within("the place", (x, y))
@@ -259,9 +235,8 @@ class TraySession(AskAndTell[TrayTold]):
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
             embedding, level = self.reader.read(image)
             image = np.asarray(image).astype(np.uint8)
-        touch = self._touch((float(x), float(y)), float(height or 0.0), embedding, level, image)
-        rng = self._rng.bit_generator.state
-        self._take(TrayTold(self._asked, rng, (float(x), float(y)), touch, image, time.time()))
+        rng, felt = self._rng.bit_generator.state, ((x, y), height or 0.0, level, embedding, image)
+        self._take(self._told(self._asked, rng, time.time(), *felt))
 
     def tell_met(self, met: Met, place: tuple[float, float] | None = None) -> None:
         """:meth:`tell` what a simulated pad met, a miss as well."""
@@ -316,7 +291,7 @@ class TraySession(AskAndTell[TrayTold]):
             "reader_sha256": None if self.reader is None else self.reader.identity,
         }
 
-    def _apply(self, told: TrayTold) -> None:
+    def _apply(self, told: Told) -> None:
         if told.touch is None or told.place is None:
             assert told.asked is not None, "an answer was asked for"
             assert not isinstance(told.asked.action, Press), "an answer was asked for"
@@ -334,19 +309,17 @@ class TraySession(AskAndTell[TrayTold]):
         if not (are_finite(*place) and all(0.0 <= at <= edge for at, edge in zip(place, size, strict=True))):
             raise InvalidArgument(f"{what} must be in the tray of {size[0]} x {size[1]} m, got {place}")
 
-    def _touch(
-        self,
-        place: tuple[float, float],
-        height: float,
-        embedding: NDArray[np.floating] | None,
-        level: float | None,
-        image: NDArray[np.uint8] | None,
-    ) -> PlaceTouch:
-        """A touch as the belief takes it: with its image only if something compares that."""
-        touch = PlaceTouch(self.belief.cell_at(*place), height, embedding, level)
-        return touch if self.belief.lookalikes is None else touch._replace(image=image, place=place)
+    def _told(self, asked: TrayDecision | None, rng: Any, now: float, *felt: Any) -> Told:
+        """An answer; ``felt`` are place, height, level, embedding and image of a press. Few beliefs keep the image."""
+        if not felt:
+            return Told(asked, rng, time=now)
+        (x, y), height, level, embedding, image = felt
+        place = float(x), float(y)
+        touch = PlaceTouch(self.belief.cell_at(*place), float(height), embedding, level)
+        touch = touch if self.belief.lookalikes is None else touch._replace(image=image, place=place)
+        return Told(asked, rng, touch=touch, is_miss=embedding is None, image=image, time=now, place=place)
 
-    def _fields(self, told: TrayTold) -> dict[str, Any]:
+    def _fields(self, told: Told) -> dict[str, Any]:
         from belief.journal import array_field
 
         line: dict[str, Any] = {"told": told.kind, "time": told.time, "rng": told.rng}
@@ -358,20 +331,19 @@ class TraySession(AskAndTell[TrayTold]):
             line |= {name: array_field(array) for name, array in arrays.items() if array is not None}
         return line
 
-    def _answer_from(self, line: Mapping[str, Any]) -> TrayTold:
+    def _answer_from(self, line: Mapping[str, Any]) -> Told:
         from belief.journal import array_from
 
-        asked = touch = place = None
+        asked, felt = None, ()
         if "asked" in line:
             scores = {str(name): float(score) for name, score in line["scores"].items()}
             asked = TrayDecision(action_from(line["asked"]), scores)
-        arrays = {name: array_from(line[name]) if name in line else None for name in ("embedding", "image")}
         if "place" in line:
-            place = (float(line["place"][0]), float(line["place"][1]))
             level = None if line["level"] is None else float(line["level"])
-            touch = self._touch(place, float(line["height"]), arrays["embedding"], level, arrays["image"])
-        found = TrayTold(asked, line["rng"], place, touch, arrays["image"], float(line["time"]))
-        if found.kind != line["told"] or (touch is None and (asked is None or isinstance(asked.action, Press))):
+            arrays = (array_from(line[name]) if name in line else None for name in ("embedding", "image"))
+            felt = line["place"][:2], float(line["height"]), level, *arrays
+        found = self._told(asked, line["rng"], float(line["time"]), *felt)
+        if found.kind != line["told"] or (not felt and (asked is None or isinstance(asked.action, Press))):
             raise ValueError(f"a line says {line['told']!r:.40}, and holds a {found.kind}")
         return found
 
