@@ -178,10 +178,11 @@ class ActiveClassification(FrozenArrays):
             seed: of the fit.
             settings: as of the class; ``prior`` is by default the share of each class among the cases.
         """
-        given = np.asarray(labels)
-        for place, label in enumerate(given.ravel().tolist()):
+        _require_same_rows(cases, labels)
+        for place, label in enumerate(labels.ravel().tolist() if isinstance(labels, np.ndarray) else labels):
             if label is None or label != label or label == "":
                 raise InvalidArgument(f"the label of case {place} is missing: leave the case out")
+        given = np.asarray(labels)
         values, number = np.unique(given, return_inverse=True)
         code = OutcomeCode.of(cases, groups, num_bins)
         outcomes = code.outcomes(cases)
@@ -268,6 +269,7 @@ class ActiveClassification(FrozenArrays):
         Raises:
             ValueError: arrays that do not fit each other, or an unknown class.
         """
+        _require_same_rows(cases, labels)
         outcomes, truth = self._outcomes(cases), self._truth(labels)
         if len(outcomes) != len(truth):
             raise InvalidArgument(f"{len(outcomes)} cases need as many labels, got {len(truth)}")
@@ -398,6 +400,9 @@ class Case(Tabular):
         pose = self.asked if action is None else index_of("action", tuple(self._task.actions), action)
         if pose is None:
             raise InvalidArgument(f"the case is decided: {self.answer}")
+        if pose in self.taken and not self._task.model.is_repeatable:
+            name = self._task.actions[pose]
+            raise InvalidArgument(f"{name!r} was told already; undo() takes back what was told last")
         if outcome is None or (isinstance(outcome, float) and np.isnan(outcome)):
             self.tell_outcome(MISSING, pose)
         elif self._task.code is None:
@@ -603,6 +608,16 @@ class _Rule:
                 self.known.clear()
             self.known[key] = selector.choose(info, rng)
         return self.known[key]
+
+
+def _require_same_rows(cases: Any, labels: Any) -> None:
+    """Check that data frames have their rows in the same order."""
+    ours: Any = getattr(cases, "index", None)
+    theirs: Any = getattr(labels, "index", None)
+    if hasattr(ours, "equals") and hasattr(theirs, "equals") and not ours.equals(theirs):
+        raise InvalidArgument(
+            "the rows of cases and labels have different indexes: bring them into one order, or give labels.to_numpy()"
+        )
 
 
 def _promised(certificate: CertifiedThresholds) -> tuple[float, ...]:

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -447,3 +448,31 @@ def test_what_was_told_last_can_be_taken_back(task):
     assert case.undo() == first
     np.testing.assert_array_equal(case.belief.probs, before)
     assert (case.taken, case.cost, case.ask()) == ((), 0.0, first)
+
+
+def test_an_action_is_told_once_where_another_try_tells_nothing_new(task):
+    case = task.start()
+    case.tell(None, "blood")
+    case.tell(1, "blood")
+    with pytest.raises(InvalidArgument, match=r"'blood' was told already; undo\(\)"):
+        case.tell(0, "blood")
+    assert case.cost == 1.0
+    repeated = ActiveClassification.from_probs(TESTS, is_repeatable=True, stop=np.inf).start()
+    repeated.tell(1, 0)
+    repeated.tell(0, 0)
+
+
+def test_missing_labels_of_a_list_and_rows_in_another_order_are_refused(rng):
+    cases = rng.normal(size=(6, 2))
+    with pytest.raises(InvalidArgument, match="label of case 0 is missing"):
+        ActiveClassification.from_cases(cases, [float("nan"), "a", "b", "a", "b", "a"])
+
+    class Rows(list):
+        def __init__(self, values, order):
+            super().__init__(values)
+            self.index = SimpleNamespace(order=order, equals=lambda other: other.order == order)
+
+    labels = ["a", "b"] * 3
+    with pytest.raises(InvalidArgument, match="different indexes"):
+        ActiveClassification.from_cases(Rows(cases.tolist(), 1), Rows(labels, 2))
+    assert ActiveClassification.from_cases(Rows(cases.tolist(), 1), Rows(labels, 1)).classes == ("a", "b")
