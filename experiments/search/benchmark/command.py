@@ -93,6 +93,8 @@ class Benchmark:
     def _play(self, agent: str, hidden: HiddenSeeds | None) -> None:
         card = Card.named(self.task)
         require_writable_file(self.out)
+        if self.out.exists() and (other := Submission.load(self.out).header.agent) != named(agent):
+            raise BadArgument(f"{self.out} holds the searches of {other}: give another --out, or remove it")
         submission, why = play(card, agent, self.words, hidden, self.jobs)
         submission.save(self.out)
         print(*tables(check([self.out], 0.0, hidden)), *filter(None, [why]), f"wrote {self.out}", sep="\n\n")
@@ -116,11 +118,10 @@ def play(
     """
     if len(words) > _LONGEST_WORDS or not words.isprintable():
         raise BadArgument(f"--words is one line of at most {_LONGEST_WORDS} characters")
-    name = agent.removeprefix(_DECIDER)
+    name = named(agent)
     player: Decider | str = name
     if agent.startswith(_FOLDER):
-        player = ProcessAgent.of_folder(folder := Path(agent.removeprefix(_FOLDER)))
-        name = f"{_FOLDER}{folder.resolve().name}"
+        player = ProcessAgent.of_folder(Path(agent.removeprefix(_FOLDER)))
         if not is_without_network():
             print("this machine has no unshare: the agent keeps its network", file=sys.stderr)
     jobs = default_jobs() if jobs is None else jobs
@@ -130,6 +131,12 @@ def play(
     seeds = DEVELOPMENT if hidden is None else hidden.digest
     about = (FORMAT, card.name, card.digest, name, words, seeds, code_versions(), processor())
     return Submission(Header(*about, jobs, elapsed), batches), why
+
+
+def named(agent: str) -> str:
+    """Name of an agent in its file: a folder by its last part."""
+    folder = Path(agent.removeprefix(_FOLDER)).resolve().name
+    return f"{_FOLDER}{folder}" if agent.startswith(_FOLDER) else agent.removeprefix(_DECIDER)
 
 
 def listed(cards: list[Card]) -> Table:

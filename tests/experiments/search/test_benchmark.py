@@ -483,3 +483,13 @@ def test_the_command_lists_tasks_and_refuses_what_does_not_fit(honest, tmp_path,
 def test_a_search_keeps_what_it_did():
     search = Played((1, "reject", 2, 3), (0.2, 0.1, 0.2, 0.3), "", "truncated", False)
     assert search.num_touches == 2
+
+
+def test_the_file_of_another_agent_is_not_written_over(small, honest, tmp_path):
+    path = tmp_path / "mine.jsonl.gz"
+    shutil.copy(next(iter(honest.values())), path)
+    before, agent = path.read_bytes(), Submission.load(path).header.agent
+    with pytest.raises(BadArgument, match="holds the searches of") as refused:
+        Benchmark(agent="random_confirm", task=small.name, out=path, jobs=1).run()
+    assert agent in str(refused.value)
+    assert path.read_bytes() == before
