@@ -14,17 +14,23 @@ if TYPE_CHECKING:
     from torch import nn
 
 
-@dataclass(frozen=True)
-class ConvNeXt:
-    """A ConvNeXt (Liu et al. 2022; Woo et al. 2023 below Tiny): number of blocks and of channels of each stage."""
+class _OfWidths:
+    """A network by its channels, the last of which are the features."""
 
-    depths: tuple[int, ...]
     widths: tuple[int, ...]
 
     @property
     def num_features(self) -> int:
         """Length of a feature vector."""
         return self.widths[-1]
+
+
+@dataclass(frozen=True)
+class ConvNeXt(_OfWidths):
+    """A ConvNeXt (Liu et al. 2022; Woo et al. 2023 below Tiny): number of blocks and of channels of each stage."""
+
+    depths: tuple[int, ...]
+    widths: tuple[int, ...]
 
     @property
     def smallest_image(self) -> int:
@@ -39,7 +45,7 @@ class ConvNeXt:
 
 
 @dataclass(frozen=True)
-class SmallCNN:
+class SmallCNN(_OfWidths):
     """Convolutions 3 × 3 of stride 2 with ReLU, then means over the cells of a grid: the cheap reference.
 
     Nothing is normalised: statistics over a batch differ too much between batches of small spots on an empty pad, and
@@ -49,11 +55,6 @@ class SmallCNN:
 
     widths: tuple[int, ...]
     cells: int = 1
-
-    @property
-    def num_features(self) -> int:
-        """Length of a feature vector."""
-        return self.widths[-1]
 
     @property
     def smallest_image(self) -> int:
@@ -78,18 +79,13 @@ class SmallCNN:
 
 
 @dataclass(frozen=True)
-class GridConvNeXt:
+class GridConvNeXt(_OfWidths):
     """A ConvNeXt of a few blocks, a dense layer of whose cells joins what is felt where on the pad.
 
     Stages halve the image, with ``widths`` channels; the last of ``widths`` is the length of the features.
     """
 
     widths: tuple[int, ...]
-
-    @property
-    def num_features(self) -> int:
-        """Length of a feature vector."""
-        return self.widths[-1]
 
     @property
     def smallest_image(self) -> int:
