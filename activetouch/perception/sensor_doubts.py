@@ -191,7 +191,7 @@ class SensorDoubts:
     def _coarsely(self, one: DoubtedEvidence) -> Floats:
         """Log evidence of an object in the described state and each of the coarse alternatives."""
         if "coarsely" not in one.kept:
-            found = np.logaddexp.reduce(self._summed(one, "coarsely", self._alternative), axis=(1, 2))
+            found = np.logaddexp.reduce(self._summed(one, "coarsely", self._alternatives.in_pose), axis=(1, 2))
             if (varied := self.varied) is not None:
                 others = self._summed(one, "others", lambda pose: varied.embedded(pose)[0])
                 others = np.logaddexp.reduce(others, axis=None)
@@ -209,20 +209,11 @@ class SensorDoubts:
         one.sums[name] = len(one.again), scores
         return np.asarray(scores / _SOFTER)
 
-    def _alternative(self, pose: int) -> Floats32:
-        """Hypotheses in the described state and the coarse alternatives, embedded in a pose, ``(1 + A, K, H, D)``."""
-        if pose not in self._single:
-            self._single[pose] = self._alternatives.in_pose(pose).astype(np.float32)
-        return self._single[pose]
-
-    @cached_property
-    def _single(self) -> dict[int, Floats32]:
-        return {}
-
     @cached_property
     def _alternatives(self) -> EmbeddedWorlds:
         changed = [with_changes(self.imaging, self.described, change) for change in _COARSE]
-        return EmbeddedWorlds(self._hypotheses, self.scene, _joined(self.described, *changed), _FEW)
+        states = _joined(self.described, *changed)
+        return EmbeddedWorlds(self._hypotheses, self.scene, states, _FEW, np.float32)  # asked after every touch
 
     def _oddness(
         self,

@@ -98,30 +98,34 @@ def listed_states(imaging: Imaging, scene: Scene) -> tuple[tuple[str, ...], Sens
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedWorlds:
-    """Hypotheses of a scene's objects, ``number`` of each shape, embedded in changed worlds: by pose, at first use."""
+    """Hypotheses of a scene's objects, ``number`` of each shape, embedded in changed worlds: by pose, at first use.
+
+    ``kind`` is that of the numbers of the tables that are kept: half precision, or single, which is read faster.
+    """
 
     reader: ContactHypotheses
     scene: Scene
     states: SensorState
     number: int = HYPOTHESES
+    kind: type[np.float16 | np.float32] = np.float16
 
-    def in_pose(self, pose: int) -> NDArray[np.float16]:
+    def in_pose(self, pose: int) -> NDArray[np.float16 | np.float32]:
         """See :class:`belief.observation_model.sensor_health.EmbedsWorlds`; read-only, kept."""
         return self._embedded(pose, self.scene, pose)
 
-    def in_place(self, place: tuple[float, ...]) -> NDArray[np.float16]:
+    def in_place(self, place: tuple[float, ...]) -> NDArray[np.float16 | np.float32]:
         """Embedded hypotheses for a quaternion and an aim (:meth:`activetouch.session_reader.SensorReader.at`)."""
         there = self.scene.with_pose(np.array(place[:4]), np.array(place[4:]))
         return self._embedded(place, there, len(self.scene.poses))
 
-    def _embedded(self, key: int | tuple[float, ...], scene: Scene, pose: int) -> NDArray[np.float16]:
+    def _embedded(self, key: int | tuple[float, ...], scene: Scene, pose: int) -> NDArray[np.float16 | np.float32]:
         if key not in self._kept:
             found = self.reader.embedded_in(scene, self._bodies, pose, self.reader.imaging.code(self.states))
-            self._kept[key] = frozen(found.astype(np.float16))
+            self._kept[key] = frozen(found.astype(self.kind))
         return self._kept[key]
 
     @cached_property
-    def _kept(self) -> dict[int | tuple[float, ...], NDArray[np.float16]]:
+    def _kept(self) -> dict[int | tuple[float, ...], NDArray[np.float16 | np.float32]]:
         return {}
 
     @cached_property
