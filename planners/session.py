@@ -55,6 +55,8 @@ from planners.session_log import (
     standing_of,
 )
 
+_MISSES = 2  # of an object in a pose, after which another pose is touched
+
 
 class SessionSettings(TypedDict, total=False):
     """Settings of a :class:`Session`, without its search and the reader of its images."""
@@ -149,6 +151,7 @@ class Session(AskAndTell):
         if self._asked is None and progress.outcome is None:
             info = InformationState.of(self.problem, self.target, progress.scene, progress.object_index)
             decision = checked_decision(self.decider.decide(info, self._rng), self.decider, self.problem)
+            decision = self._with_misses(decision)
             if self._may_move and (moved := self.prob_moved):
                 decision = replace(decision, scores={**decision.scores, MOVED: moved})
             if isinstance(decision.action, Probe) and not progress.may_touch:
@@ -157,6 +160,28 @@ class Session(AskAndTell):
             else:
                 self._asked = decision
         return None if self._asked is None else self._asked.action
+
+    def _with_misses(self, decision: Decision) -> Decision:
+        """The decision, or another one after misses that are no evidence, which no decider sees.
+
+        After two misses in a pose, an object is touched in the pose that was missed and touched least. At the touch
+        limit, the answer is "I do not know", if there is one.
+        """
+        action, lost = decision.action, [step for step in self._steps if _is_lost(step)]
+        if not isinstance(action, Probe) or not lost:
+            return decision
+        if not self._progress.may_touch and self.problem.unsure_reward is not None:
+            return Decision(Unsure(), {**decision.scores, "is_cut_off": 1.0})
+        misses = [self._misses(pose) for pose in range(self.problem.num_poses)]
+        if misses[action.pose] < _MISSES:
+            return decision
+        uses = [self.uses(pose) for pose in range(self.problem.num_poses)]
+        return replace(decision, action=Probe(int(np.lexsort((uses, misses))[0])))
+
+    def _misses(self, pose: int) -> int:
+        """Misses of the current object in a pose that are no evidence."""
+        here = (step for step in self._steps if step.object_index == self.object_index and _is_lost(step))
+        return sum(step.decision.action == Probe(pose) for step in here)
 
     @property
     def reason(self) -> str | None:
@@ -177,13 +202,13 @@ class Session(AskAndTell):
         force: float | None = None,
         area: float | None = None,
         step: int | None = None,
-    ) -> None:
+    ) -> str:
         """Answer :meth:`ask`: what was felt, or, without arguments, that the action was carried out.
 
         After a Reject was carried out, the next object is in place. A touch may be in another pose than asked for, and
         may come when none was asked for: it is evidence, and the next action is decided anew. A miss is evidence where
         the observation model knows misses; elsewhere it is recorded, counts for the touch limit, and the same touch is
-        asked for again. With a log, what was told is on disk when this returns.
+        asked for once more, then one in another pose. With a log, what was told is on disk when this returns.
 
         Args:
             touch: what was felt, as a reader says it.
@@ -192,8 +217,12 @@ class Session(AskAndTell):
             pose: label or index of the pose of the touch, or a place that is none of the poses, as the session's
                 reader takes it; that of ``touch``, or the one asked for, by default.
             force: force of the contact [N]; not more than ``least_force`` is a miss.
-            area: area of the contact [m²]; not more than ``least_area`` is a miss. That of the reader by default.
+            area: area of the contact [m²]; not more than ``least_area`` is a miss. By default what the reader sees;
+                at a ``least_area`` of 0, a stated ``force`` makes a touch of an image that is too faint.
             step: which question is answered: :attr:`step` when it was asked. It protects from answers that come twice.
+
+        Returns:
+            What the answer counts as: touch, miss or done.
 
         Raises:
             AlreadyTold: the step was answered before.
@@ -209,7 +238,7 @@ class Session(AskAndTell):
         told = self._told(touch, image, missed, pose, force, area)
         if told.kind != "done" and not self._progress.may_touch:
             raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
-        self._take(told)
+        return self._take(told)
 
     def _told(
         self, touch: Touch | None, image: Any, missed: bool, pose: Any, force: float | None, area: float | None
@@ -232,13 +261,14 @@ class Session(AskAndTell):
             raise InvalidArgument(f"asked was {self._in_words(action)}, so say in which pose: tell(…, pose=…)")
         at, elsewhere = self._place(place)
         elsewhere = touch.elsewhere if touch is not None and pose is None else elsewhere
-        force, area = _not_negative("force", force), _not_negative("area", area)
+        force, area = _not_negative("force", force), _not_negative("area", stated := area)
         if image is not None:
             if self._reader is None:
                 raise InvalidArgument("this session has no reader of images; a sensor's has one: sensor.session(…)")
             image, touch, seen = self._reader.read(image, at)
             area = seen if area is None else area
-        is_miss = bool(missed) or _is_within(force, self._least_force) or _is_within(area, self._least_area)
+        is_small = _is_within(area, self._least_area) and not (force and stated is None and self._least_area == 0.0)
+        is_miss = bool(missed) or _is_within(force, self._least_force) or is_small
         if is_miss:
             of_miss = getattr(self.model, "missed", None)
             touch = None if of_miss is None else of_miss(at)
@@ -289,13 +319,15 @@ class Session(AskAndTell):
         return self._progress.scene.belief(self.object_index)
 
     @property
-    def answer(self) -> str:
-        """The most probable shape of the current object, or "none of these"."""
+    def answer(self) -> str | None:
+        """The most probable shape of the current object, or "none of these"; None once no object was confirmed."""
+        if self.outcome not in (None, Outcome.CONFIRMED):
+            return None
         return shape_name(self.problem.shape_labels, likeliest(self.belief)[0])
 
     @property
     def stated(self) -> float:
-        """Probability of :attr:`answer`."""
+        """Probability of the most probable shape of the current object, or that it has none of the shapes."""
         return likeliest(self.belief)[1]
 
     @property
@@ -404,8 +436,10 @@ class Session(AskAndTell):
         if told.is_miss:
             decision = replace(decision, scores={**decision.scores, "is_miss": 1.0})
         self._steps.append(Step(index, belief, decision, told.touch))
-        # A miss that is no evidence changes nothing that the decider sees: the same is asked for again.
-        self._asked = told.asked if told.is_miss and told.touch is None and progress.may_touch else None
+        # A miss that is no evidence changes nothing that the decider sees: the same is asked for once more.
+        wanted, is_lost = told.asked.action, told.is_miss and told.touch is None and progress.may_touch
+        is_used_up = isinstance(wanted, Probe) and self._misses(wanted.pose) >= _MISSES
+        self._asked = told.asked if is_lost and not is_used_up else None
 
     def _rewind(self) -> None:
         self._progress = SearchProgress(self.problem, self.model, self._prior, log_bets=self._log_bets)
@@ -503,6 +537,11 @@ def likeliest(belief: Belief) -> tuple[int, float]:
     best = int(belief.log_probs.argmax())
     stated = float(np.exp(belief.log_probs[best]))
     return (UNLISTED, belief.unlisted) if belief.unlisted > stated else (best, stated)
+
+
+def _is_lost(step: Step) -> bool:
+    """Whether a step was a miss that is no evidence."""
+    return step.touch is None and "is_miss" in step.decision.scores
 
 
 def _is_within(number: float | None, limit: float | None) -> bool:

@@ -249,8 +249,8 @@ class AskAndTell(ABC):
             self._journal.close()
         self._journal = None
 
-    def _take(self, told: Told) -> None:
-        """Count an answer and write it; after an error, nothing has changed."""
+    def _take(self, told: Told) -> str:
+        """Count an answer, write it, and say its kind; after an error, nothing has changed."""
         self._apply(told)
         if self._journal is not None:
             try:
@@ -259,6 +259,7 @@ class AskAndTell(ABC):
                 self._restore(self._events)
                 raise
         self._events.append(told)
+        return told.kind
 
     def _reveal(self, **truth: Any) -> None:
         """Write what is true, which is no evidence."""

@@ -198,7 +198,7 @@ class TraySession(AskAndTell):
         missed: bool = False,
         place: tuple[float, float] | None = None,
         step: int | None = None,
-    ) -> None:
+    ) -> str:
         """What was met at the place that was asked for, or at another; or, without arguments, that an answer was given.
 
         With a log, what was told is on disk when this returns.
@@ -209,6 +209,9 @@ class TraySession(AskAndTell):
             missed: whether it met the floor.
             place: where the press was (x, y) [m], if not where it was asked for.
             step: which question is answered: :attr:`step` when it was asked. It protects from answers that come twice.
+
+        Returns:
+            What the answer counts as: touch, miss or done.
 
         Raises:
             AlreadyTold: the step was answered before.
@@ -221,8 +224,7 @@ class TraySession(AskAndTell):
         if self._answer is not None:
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
         if place is None and image is None and height is None and not missed and not isinstance(self.ask(), Press):
-            self._take(self._told(self._asked, self._rng.bit_generator.state, time.time()))
-            return
+            return self._take(self._told(self._asked, self._rng.bit_generator.state, time.time()))
         x, y = self.place() if place is None else place
         self._require_within("the place", (x, y))
         if missed != (image is None) or missed != (height is None):
@@ -236,12 +238,12 @@ class TraySession(AskAndTell):
             embedding, level = self.reader.read(image)
             image = np.asarray(image).astype(np.uint8)
         rng, felt = self._rng.bit_generator.state, ((x, y), height or 0.0, level, embedding, image)
-        self._take(self._told(self._asked, rng, time.time(), *felt))
+        return self._take(self._told(self._asked, rng, time.time(), *felt))
 
-    def tell_met(self, met: Met, place: tuple[float, float] | None = None) -> None:
+    def tell_met(self, met: Met, place: tuple[float, float] | None = None) -> str:
         """:meth:`tell` what a simulated pad met, a miss as well."""
         is_miss = met.image is None
-        self.tell(met.image, None if is_miss else met.height, missed=is_miss, place=place)
+        return self.tell(met.image, None if is_miss else met.height, missed=is_miss, place=place)
 
     def reveal(self, objects: Sequence[Lies]) -> None:
         """Say which objects there really were, and where, for scoring; it is no evidence.

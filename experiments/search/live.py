@@ -166,9 +166,9 @@ class Conversation:
             told["image"] = _numbers(given["features"], "features")
         else:
             told["touch"] = self._touch(given, told.get("pose"))
-        self.session.tell(**told)
+        kind = self.session.tell(**told)
         self.felt = told.get("image")
-        return {"told": self.session.last_told}
+        return {"told": kind}
 
     def _touch(self, given: dict[str, Any], pose: Any) -> Touch:
         action = self.session.ask()

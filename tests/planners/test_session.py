@@ -295,8 +295,8 @@ def test_a_miss_is_evidence_only_where_the_model_knows_misses():
     session = begun("information_gain", least_force=0.2)
     asked, before = session.ask(), session.belief.probs.tobytes()
     for told in ({"missed": True}, {"touch": felt(asked.pose, 9.0, 0, 0, 0), "force": 0.1}):
-        session.tell(**told)
         assert (session.ask(), session.belief.probs.tobytes()) == (asked, before)
+        assert session.tell(**told) == "miss"
         assert (session.steps[-1].touch, session.steps[-1].decision.scores["is_miss"]) == (None, 1.0)
     session.tell(felt(asked.pose, 9.0, 0, 0, 0), force=0.21)
     assert session.belief.probs.tobytes() != before
@@ -307,6 +307,26 @@ def test_a_miss_is_evidence_only_where_the_model_knows_misses():
     session.tell(missed=True)
     assert session.belief.probs.argmax() == 0
     assert session.uses(asked.pose) == 1
+
+
+def test_after_two_misses_another_pose_is_asked_for_and_at_the_limit_it_is_unsure(tmp_path):
+    session, asked = begun("fixed_poses", abstain=True), []
+    session.save(tmp_path / "log")
+    while isinstance(action := session.ask(), Probe):
+        asked.append(action.pose)
+        session.tell(missed=True)
+    limit = PROBLEM.touch_limit
+    assert asked == [0, 0, 1, 1, 2, 2, *([0, 1, 2] * limit)][:limit]
+    assert (action, session.reason) == (Unsure(), "the limit of touches is reached")
+    session.close()
+    again = Session.load(tmp_path / "log", model=MODEL, decider=decider("fixed_poses"))
+    assert again.ask() == Unsure()
+    assert again.tell() == "done"
+    assert (again.outcome, again.answer) == ("unsure", None)
+    plain = begun("fixed_poses", abstain=False)
+    while plain.ask() is not None:
+        plain.tell(missed=True)
+    assert plain.outcome == "truncated"
 
 
 def test_touches_that_were_not_asked_for_are_evidence():

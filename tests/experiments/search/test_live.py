@@ -257,7 +257,7 @@ def test_images_of_nothing_of_noise_or_of_saturation_give_no_answer(target):
         session = sensor().session(target, num_objects=4)
         while (action := session.ask()) is not None:
             session.tell(**({"image": image()} if isinstance(action, Probe) else {}))
-        assert session.outcome == ("truncated" if kind == "blank" else "unsure")
+        assert (session.outcome, session.answer) == ("unsure", None), kind
 
 
 def test_a_contact_below_the_stated_area_is_none():
@@ -269,10 +269,18 @@ def test_a_contact_below_the_stated_area_is_none():
     session = sensor().session("cube", num_objects=2, least_area=area / 2)
     asked_for = session.ask()
     for told in ({"image": faint}, {"image": image, "area": 0.0}):
-        session.tell(**told)
-        assert (session.ask(), session.steps[-1].touch) == (asked_for, None)
-    session.tell(image=image)
-    assert session.steps[-1].touch is not None
+        assert session.ask() == asked_for
+        assert session.tell(**told) == "miss"
+        assert session.steps[-1].touch is None
+    assert session.tell(image=image) == "touch"
+
+
+def test_a_faint_image_is_a_touch_where_a_force_is_stated():
+    faint = np.zeros((4, 4), np.uint8)
+    for told, kind in (({"force": 2.0}, "touch"), ({"force": 2.0, "area": 0.0}, "miss"), ({"force": 0.0}, "miss")):
+        assert sensor().session("cube").tell(image=faint, **told) == kind
+    assert sensor().session("cube", least_area=1e-6).tell(image=faint, force=2.0) == "miss"
+    assert sensor().session("cube", least_force=3.0).tell(image=faint, force=2.0) == "miss"
 
 
 def test_a_place_that_is_a_pose_is_that_pose_and_others_are_evidence_of_one_rigid_body(tmp_path):
@@ -491,13 +499,10 @@ def test_noise_has_no_name(kind, tmp_path):
         image = rng.integers(256, size=(4, 4)) if kind == "noise" else np.zeros((4, 4), int)
         assert asked(talk, do="tell", step=question["step"], image=image.tolist())["ok"]
     assert "name" not in question
-    if kind == "blank":  # every touch missed
-        assert (question["action"], question["outcome"]) == (None, "truncated")
-    else:
-        assert question["action"] == "unsure"
-        assert question["why"]
-        asked(talk, do="tell", step=question["step"], done=True)
-        assert asked(talk, do="ask")["outcome"] == asked(talk, do="state")["outcome"] == "unsure"
+    assert question["action"] == "unsure"
+    assert question["why"]
+    asked(talk, do="tell", step=question["step"], done=True)
+    assert asked(talk, do="ask")["outcome"] == asked(talk, do="state")["outcome"] == "unsure"
     talk.session.close()
 
 
