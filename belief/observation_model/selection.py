@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief.bayes import update
 from belief.errors import OverconfidentStops
 from belief.metrics.calibration_at_stop import CalibrationAtStop, calibration_at_stop
+from belief.naming import few
 from belief.observation_model.calibration_data import numbered_objects, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
@@ -29,7 +30,6 @@ from belief.validation import (
     require_count,
     require_fraction,
     unmasked,
-    warn_of_one_shape,
     warn_of_probs,
 )
 
@@ -138,7 +138,8 @@ def choose_observation_model(
 
     The loss is the mean negative log posterior of the true shape after one touch, two, and so on, half of it over
     touches of an object in their order, half over touches in one pose; it is averaged over folds of whole objects.
-    An :class:`~belief.errors.OverconfidentStops` warns if the stops of held-out objects state more than is right.
+    An :class:`~belief.errors.OverconfidentStops` warns if the stops of held-out objects state more than is right, a
+    UserWarning if a shape has no touch, or no object has two.
 
     Args:
         touches: calibration touches.
@@ -169,7 +170,7 @@ def choose_observation_model(
     require_count("num_folds", num_folds, least=2)
     truth, ids, batch = np.asarray(shapes), np.asarray(object_ids), TouchBatch.of([touches])
     folds = object_folds(truth, ids, num_folds)
-    warn_of_one_shape(truth, len(shape_labels))
+    _warn_of_gaps(truth, ids, shape_labels)
     options: dict[str, Any] = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
     losses: dict[str, float] = {}
     of_folds: list[ArrayModel] = []  # the models of the best candidate
@@ -194,6 +195,23 @@ def choose_observation_model(
             stacklevel=2,
         )
     return choice
+
+
+def _warn_of_gaps(truth: NDArray[np.integer], ids: NDArray[Any], labels: Sequence[str]) -> None:
+    """A UserWarning where the model of a shape, or how far touches of an object repeat each other, is only assumed."""
+    if absent := [label for k, label in enumerate(labels) if not (truth == k).any()]:
+        warnings.warn(
+            f"no touch is of the shape {few(absent)}: what the model states of it is a guess; add touches of such "
+            "objects, or leave the shape and its logits out",
+            stacklevel=3,
+        )
+    if len(np.unique(ids)) == len(ids):
+        warnings.warn(
+            f"each of {len(ids)} objects has one touch: how far touches of one object repeat each other is assumed, "
+            "and posteriors after several may be wrong; give objects that were touched several times, with one label "
+            "of groups (object_ids) for all touches of an object",
+            stacklevel=3,
+        )
 
 
 def fit_observation_model(
@@ -225,7 +243,7 @@ def fit_observation_model(
     Returns:
         The choice, which prints as a table with what is stated and right at the stops of held-out objects; its
         ``model`` is ready for a :class:`~belief.BeliefTracker`. An :class:`~belief.errors.OverconfidentStops` warns if
-        more is stated than is right.
+        more is stated than is right, a UserWarning if a shape has no touch, or no object has two.
 
     Raises:
         ValueError: arrays that do not fit, NaN or infinite logits, labels or poses out of range, an object with two

@@ -134,8 +134,9 @@ def test_labels_are_of_any_kind(make, names, touches):
     assert fitted.predict(logits).dtype == names.dtype
     assert fitted.score(logits, names[labels]) == (plain.argmax(axis=1) == labels).mean() > 0.6
     order = np.argsort(names)  # by default, columns are of the sorted labels
-    np.testing.assert_allclose(make().fit(logits[:, order], names[labels]).predict_proba(logits[:, order]).sum(1), 1.0)
-    assert make().fit(logits[:, order], names[labels]).classes_.tolist() == names[order].tolist()
+    ordered = make().fit(logits[:, order], names[labels], groups)
+    np.testing.assert_allclose(ordered.predict_proba(logits[:, order]).sum(1), 1.0)
+    assert ordered.classes_.tolist() == names[order].tolist()
 
 
 @pytest.mark.parametrize("make", [CalibratedClassifier, Observed])

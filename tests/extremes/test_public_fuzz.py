@@ -191,7 +191,9 @@ CALLS = {
         np.log(estimators.CalibratedClassifier().fit(a, np.array(LABELS)[SHAPES]).predict_proba(a))
     ),
     "ObservationModelClassifier": lambda a: (
-        estimators.ObservationModelClassifier(num_folds=2).fit(a, np.array(LABELS)[SHAPES]).predict_proba(a, SHAPES)
+        estimators.ObservationModelClassifier(num_folds=2)
+        .fit(a, np.array(LABELS)[SHAPES], SHAPES)
+        .predict_proba(a, SHAPES)
     ),
     # metrics
     "accuracy": lambda a: metrics.accuracy(a, SHAPES),
@@ -232,7 +234,7 @@ CALLS = {
     ),
     "fit_observation_model": lambda a: [
         *observation_model.fit_observation_model(
-            np.tile(a, (2, 1)), np.tile(SHAPES, 2), np.arange(8), num_folds=2
+            np.tile(a, (2, 1)), np.tile(SHAPES, 2), np.arange(8) % 4, num_folds=2
         ).losses.values()
     ],
     "calibration_of_stops": lambda a: (
@@ -292,7 +294,7 @@ CALLS = {
     "choose_observation_model": lambda a: selection.choose_observation_model(
         touches(a),
         SHAPES,
-        np.arange(4),
+        SHAPES,
         shape_labels=LABELS,
         num_poses=2,
         candidates=dict.fromkeys(("confusion", "again"), observation_model.ConfusionModel.fit),

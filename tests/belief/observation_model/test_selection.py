@@ -6,6 +6,7 @@ from belief.observation_model import ConfusionModel
 from belief.observation_model.registry import fits
 from belief.observation_model.selection import (
     choose_observation_model,
+    fit_observation_model,
     log_posteriors,
 )
 from belief.synthetic import random_model
@@ -130,13 +131,29 @@ def test_where_touches_repeat_a_model_that_knows_is_chosen(world, rng):
     [
         ({"candidates": {}}, "no candidate"),
         ({"num_folds": 1}, "num_folds must be .* at least 2"),
-        ({"num_folds": 99}, "folds for 3 objects"),
+        ({"num_folds": 99}, "folds for 4 objects"),
         ({"shape_labels": ("a", "b")}, "names 2"),
         ({"num_poses": 2}, "num_poses is 2"),
     ],
 )
 def test_choices_that_cannot_be_made_are_refused(changes, message, rng):
-    _, touches, shapes, ids = collect(rng, num_objects=3)
+    _, touches, shapes, ids = collect(rng, num_objects=4)
     options = {"shape_labels": tuple("abcd"), "num_poses": 3, "num_folds": 3, **changes}
     with pytest.raises(ValueError, match=message):
         choose_observation_model(touches, shapes, ids, **options)
+
+
+@pytest.mark.parametrize(
+    ("kept", "message"),
+    [
+        (lambda shapes, ids: shapes != 2, "no touch is of the shape c: .* add touches of such"),
+        (lambda shapes, ids: np.diff(ids, prepend=-1) > 0, "each of 40 objects has one touch: .* several times"),
+    ],
+)
+def test_what_touches_cannot_tell_is_warned_of(kept, message, rng):
+    _, touches, shapes, ids = collect(rng)
+    rows = np.flatnonzero(kept(shapes, ids))
+    given = [touches[i].logits for i in rows], shapes[rows], ids[rows]
+    some = {"confusion": fits()["confusion"]}
+    with pytest.warns(UserWarning, match=message):
+        fit_observation_model(*given, shape_labels="abcd", candidates=some)
