@@ -199,7 +199,8 @@ class Certificate(Tabular):
         if self.answers:
             rate = f"P(wrong | answer) ≤ {self.risk:g} for every answer"
         title = f"{self.decider}: {rate}, with confidence {self.confidence:g}, from {self.num_searches} searches"
-        counted = CertifiedThresholds(self.thresholds, self.stops, self.wrong, answers=self.answers).table()
+        about = self.risk, self.confidence, self.num_searches
+        counted = CertifiedThresholds(self.thresholds, self.stops, self.wrong, *about, answers=self.answers).table()
         return replace(counted, title=title, note=self._withdrawal if self.is_withdrawn else counted.note)
 
     @cached_property

@@ -122,7 +122,7 @@ class ActiveClassification(FrozenArrays):
         stops = [{np.inf: "never", _ANY: "any"}.get(one, f"{one:g}") for one in np.atleast_1d(self.stop).tolist()]
         parts = [f"classes: {few(self.classes)}", f"actions: {few(tuple(self.actions))}", f"stop: {few(stops)}"]
         if self.certificate is not None:
-            parts.append(f"certificate: {self.certificate.note or 'print .certificate'}")
+            parts.append(f"certificate: {self.certificate.note or self.certificate.promise}")
         return f"{type(self).__name__}({'; '.join(parts)})"
 
     @classmethod
@@ -308,7 +308,7 @@ class ActiveClassification(FrozenArrays):
         table = np.array([row[2] for row in rows])
         wrong = table.argmax(axis=1) != truth[searches]
         candidates = CandidateStops(searches, steps, np.minimum(table.max(axis=1), 1.0), wrong, len(played))
-        thresholds = certified_thresholds(candidates, risk, confidence)
+        thresholds = certified_thresholds(candidates, risk, confidence, words=("actions", "cases"))
         return replace(self, stop=_promised(thresholds), certificate=thresholds)
 
     def _session(self, decider: Decider, seed: int | Sequence[int]) -> Session:

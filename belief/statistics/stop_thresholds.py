@@ -113,15 +113,31 @@ class CertifiedThresholds(Tabular):
     ``thresholds`` are stated probabilities from which a search may stop, infinite for never; ``stops`` and ``wrong``
     count stops in the half of the searches that tested them. The first entry is for ``first`` touches; the last one
     pools its number and more, and the promise is for all of these together. With ``answers``, entries are of these
-    instead, and none is pooled. Where nothing is promised, ``note`` says why.
+    instead, and none is pooled. Where nothing is promised, ``note`` says why. ``words`` are those of the problem for
+    touches and searches.
     """
 
     thresholds: tuple[float, ...]
     stops: tuple[int, ...]
     wrong: tuple[int, ...]
+    risk: float
+    confidence: float
+    num_searches: int
     first: int = 0
     note: str = ""
     answers: tuple[str, ...] = ()
+    words: tuple[str, str] = ("touches", "searches")
+
+    @property
+    def promise(self) -> str:
+        """What is promised, in words; empty if nothing is."""
+        if not np.isfinite(self.thresholds).any():
+            return ""
+        which = "with every answer" if self.answers else f"after every number of {self.words[0]}"
+        return (
+            f"{which}, at most {self.risk:g} of the stops are wrong, with confidence {self.confidence:g}, from "
+            f"{self.num_searches} {self.words[1]}"
+        )
 
     def table(self) -> Table:
         """Thresholds, and the stops that tested them, by number of touches or by answer."""
@@ -134,26 +150,29 @@ class CertifiedThresholds(Tabular):
             )
             for number, least, *counts in zip(numbers, self.thresholds, self.stops, self.wrong, strict=True)
         ]
-        usual = "" if self.answers else "Last row: so many touches and more, together. "
-        usual = (
-            usual + "Stops: of the half that tests." if np.isfinite(self.thresholds).any() else "Nothing is promised."
-        )
+        usual = "" if self.answers else "Last row: so many and more, together. "
+        usual = usual + "Stops: of the half that tests." if self.promise else "Nothing is promised."
         return Table(
-            "",
-            ["answer" if self.answers else "touches", "stop from", ("stops", "d"), ("wrong", "d")],
+            self.promise.capitalize(),
+            ["answer" if self.answers else self.words[0], "stop from", ("stops", "d"), ("wrong", "d")],
             rows,
             self.note or usual,
         )
 
 
 def certified_thresholds(
-    candidates: CandidateStops, risk: float, confidence: float = 0.9, answers: Sequence[str] = ()
+    candidates: CandidateStops,
+    risk: float,
+    confidence: float = 0.9,
+    answers: Sequence[str] = (),
+    words: tuple[str, str] = ("touches", "searches"),
 ) -> CertifiedThresholds:
     """Thresholds for which the error at every number of touches is at most ``risk``; the module states the theorem.
 
     ``candidates`` are of independent, equally distributed searches, in an order that says nothing about them. Numbers
     of touches with too few stops in the first half are pooled at the upper end, and never stopped at elsewhere. With
     names of ``answers``, the ``touches`` of candidates are indices of these, and the error of every answer is bounded.
+    The result prints in the ``words`` for touches and searches.
 
     >>> rng = np.random.default_rng(0)
     >>> probs = rng.uniform(0.6, 1.0, 20000)                    # one candidate for each search, which states the truth
@@ -179,9 +198,10 @@ def certified_thresholds(
     if not np.isfinite(chosen).any():
         note = _nothing(candidates, risk, f"{least} without error{' of an answer' * bool(answers)} would be enough")
         if candidates.num_searches < least:
-            note = f"Nothing is promised with {candidates.num_searches}: at least {least} are needed, if none is wrong."
+            note = f"Nothing is promised with {candidates.num_searches} {words[1]}: at least {least} are needed, if none is wrong."
     counts = tuple(stops.tolist()), tuple(wrong.tolist())
-    return CertifiedThresholds(tuple(chosen.tolist()), *counts, note=note, answers=tuple(answers))
+    about = risk, confidence, candidates.num_searches
+    return CertifiedThresholds(tuple(chosen.tolist()), *counts, *about, note=note, answers=tuple(answers), words=words)
 
 
 def _nothing(candidates: CandidateStops, risk: float, enough: str) -> str:

@@ -271,10 +271,13 @@ def test_cases_that_do_not_fit_are_refused(task):
 def test_a_task_prints_in_a_line_and_says_that_nothing_is_promised(task):
     assert repr(task) == "ActiveClassification(classes: ill, well; actions: blood, eyes, skin; stop: 0.9)"
     printed = str(task.certified(*drawn(np.random.default_rng(0), 20)))
-    assert "stop: never; certificate: Nothing is promised with 20: at least" in printed
+    assert "stop: never; certificate: Nothing is promised with 20 cases: at least" in printed
     assert "\n" not in printed
     certified = task.certified(*drawn(np.random.default_rng(0), 1000), risk=0.3)
-    assert repr(certified).endswith("stop: never, any; certificate: print .certificate)")
+    promise = "after every number of actions, at most 0.3 of the stops are wrong, with confidence 0.9, from 1000 cases"
+    assert repr(certified).endswith(f"stop: never, any; certificate: {promise})")
+    printed = " ".join(str(certified.certificate).split())
+    assert printed.startswith(f"A{promise[1:]} actions stop from stops wrong")
 
 
 def test_a_case_prints_its_classes_and_its_cost(task):
