@@ -196,24 +196,32 @@ def certified_thresholds(
     if answers and np.isfinite(chosen).any():
         note = _uncertified(candidates, chosen, answers, least)
     if not np.isfinite(chosen).any():
-        note = _nothing(candidates, risk, f"{least} without error{' of an answer' * bool(answers)} would be enough")
+        needed = f"{least // 2} stops{' with an answer' * bool(answers)}"
+        note = _nothing(candidates, half, risk, needed, words[1])
         if candidates.num_searches < least:
-            note = f"Nothing is promised with {candidates.num_searches} {words[1]}: at least {least} are needed, if none is wrong."
-    counts = tuple(stops.tolist()), tuple(wrong.tolist())
-    about = risk, confidence, candidates.num_searches
-    return CertifiedThresholds(tuple(chosen.tolist()), *counts, *about, note=note, answers=tuple(answers), words=words)
+            number = f"{candidates.num_searches} {words[1]}"
+            note = f"Nothing is promised with {number}: at least {least} are needed, if none is wrong."
+    return CertifiedThresholds(
+        *(tuple(chosen.tolist()), tuple(stops.tolist()), tuple(wrong.tolist())),
+        *(risk, confidence, candidates.num_searches),
+        note=note,
+        answers=tuple(answers),
+        words=words,
+    )
 
 
-def _nothing(candidates: CandidateStops, risk: float, enough: str) -> str:
+def _nothing(candidates: CandidateStops, half: int, risk: float, needed: str, word: str) -> str:
     """Why nothing is promised: what would stop where the promise is nearest, however many touches that takes."""
     nearest = min(_GRID, key=lambda threshold: float(_p_values(candidates, np.full(1, threshold), risk)[0]))
     (stops,), (wrong,) = candidates.counts(np.full(1, nearest))
     if not stops:
-        return f"Nothing is promised: of {candidates.num_searches}, none states as much as {min(_GRID):g}."
-    few = f", too few: {enough}" * bool(wrong <= risk * stops)
+        return f"Nothing is promised: of {candidates.num_searches} {word}, none states as much as {min(_GRID):g}."
+    halves = [candidates.between(*ends).counts([nearest]) for ends in ((0, half), (half, candidates.num_searches))]
+    each = ", the other ".join(f"{stops[0]} ({wrong[0]} wrong)" for stops, wrong in halves)
+    few = f". Of these one half has {each}; each half needs {needed} if none is wrong, and more if some are"
     return (
-        f"Nothing is promised: of {candidates.num_searches}, {stops} would stop where {nearest:g} is stated, {wrong} "
-        f"of them wrongly{few}."
+        f"Nothing is promised: of all {candidates.num_searches} {word}, {stops} would stop where {nearest:g} is "
+        f"stated, {wrong} of them wrongly{few * bool(wrong <= risk * stops)}."
     )
 
 

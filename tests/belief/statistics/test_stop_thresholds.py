@@ -121,8 +121,13 @@ def test_stops_by_the_rule_that_arrays_promise_are_as_rarely_wrong_on_new_object
 @pytest.mark.parametrize(
     ("stated", "wrong", "words"),
     [
-        (0.9, 0.0, "at least 144 are needed"),
-        (0.98, 0.02, r"200 would stop where 0\.98 is stated, 4 of them wrongly, too few: 144 without error"),
+        (0.9, 0.0, "with 60 searches: at least 144 are needed"),
+        (
+            0.98,
+            0.02,
+            r"of all 200 searches, 200 would stop where 0\.98 is stated, 4 of them wrongly\. Of these one half has 100 "
+            r"\(2 wrong\), the other 100 \(2 wrong\); each half needs 72 stops if none is wrong",
+        ),
         (0.98, 0.30, r"200 would stop where 0\.98 is stated, 60 of them wrongly\.$"),
     ],
 )
