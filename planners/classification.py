@@ -16,6 +16,7 @@ object's hypotheses are. A case is a search with one object.
 from __future__ import annotations
 
 import warnings
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Number
@@ -43,6 +44,7 @@ from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain
 from planners.session import Session
 
 _REMEMBERED = 100_000  # decisions, and steps of cases
+_BY_CHANCE = 1e-6  # probability of so many cases as in the fit, below which they are of the fit
 _HEIGHTS, _SLOPES = np.linspace(0.2, 4.5, 44), (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # a and b of planned stops
 _ANY, _SHOWN = float(np.nextafter(0.0, 1.0)), 10  # a stop that every probability reaches; classes of a case that prints
 RULES = ("adaptive", "random", "fixed")
@@ -70,6 +72,7 @@ class ActiveClassification(FrozenArrays):
         depth: actions to look ahead, 1 or 2. With 2 it finds actions that tell only what to do next.
         code: how values of cases become outcomes; None where they are outcomes.
         certificate: what is promised of the stops, and from how many cases; None without :meth:`certified`.
+        fitted: checksums of the cases that the model was fitted to, ``(n,)``, which certify nothing; None if not known.
 
     Raises:
         ValueError: arguments that do not fit each other, or are out of their range.
@@ -86,6 +89,7 @@ class ActiveClassification(FrozenArrays):
     depth: Annotated[int, Within(1, 2)] = 2
     code: OutcomeCode | None = field(default=None, repr=False)
     certificate: CertifiedThresholds | None = field(default=None, repr=False)
+    fitted: NDArray[np.int64] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         check(self)
@@ -193,7 +197,7 @@ class ActiveClassification(FrozenArrays):
             actions = tuple(map(str, getattr(cases, "columns", ())))
         model = fit_contexts(outcomes, number, names, num_contexts, code.sizes(), seed)
         shares = (np.bincount(number, minlength=len(names)) + 1.0) / (len(number) + len(names))
-        task = cls(model, actions, code=code, **{"prior": shares, **settings})
+        task = cls(model, actions, code=code, fitted=_checksums(outcomes, number), **{"prior": shares, **settings})
         known = dict[str, str]()
         for name in names:
             if (other := known.setdefault(" ".join(name.casefold().split()), name)) != name:
@@ -298,7 +302,11 @@ class ActiveClassification(FrozenArrays):
 
         Returns:
             The task with these stops; its ``certificate`` prints as a table.
+
+        Raises:
+            InvalidArgument: the model was fitted to some of the cases; or as :meth:`evaluate`.
         """
+        self._require_fresh(cases, labels)
         whole = replace(self, stop=np.inf, certificate=None)
         played = whole.evaluate(cases, labels, ("adaptive",)).answers["adaptive"]
         order = np.random.default_rng(0).permutation(len(played)).tolist()  # which says nothing about the cases
@@ -310,6 +318,25 @@ class ActiveClassification(FrozenArrays):
         candidates = CandidateStops(searches, steps, np.minimum(table.max(axis=1), 1.0), wrong, len(played))
         thresholds = certified_thresholds(candidates, risk, confidence, words=("actions", "cases"))
         return replace(self, stop=_promised(thresholds), certificate=thresholds)
+
+    def _require_fresh(self, cases: ArrayLike, labels: Sequence[Name] | NDArray[Any]) -> None:
+        """Check that no more cases equal some of the fit than may by chance, or all of them in their order.
+
+        A fresh case equals one of the fit with about the probability that a case of the fit equals another one (Good
+        and Turing).
+        """
+        if self.fitted is None:
+            return
+        rows = _checksums(self._outcomes(cases), self._truth(labels))
+        kinds, counts = np.unique(self.fitted, return_counts=True)
+        chance = 1.0 - np.count_nonzero(counts == 1) / (len(self.fitted) + 1)
+        number = np.count_nonzero(np.isin(rows, kinds))
+        if np.array_equal(rows, self.fitted) or scipy.special.bdtrc(number - 1, len(rows), chance) < _BY_CHANCE:
+            raise InvalidArgument(
+                f"{number} of {len(rows)} cases equal those that the model was fitted to, where stops are right too "
+                "often for a promise: fit to one part, as from_cases(cases[::2], labels[::2]), and certify with the "
+                "other, cases[1::2] and labels[1::2]"
+            )
 
     def _session(self, decider: Decider, seed: int | Sequence[int]) -> Session:
         number = self.model.num_poses
@@ -608,6 +635,12 @@ class _Rule:
                 self.known.clear()
             self.known[key] = selector.choose(info, rng)
         return self.known[key]
+
+
+def _checksums(outcomes: NDArray[np.int64], classes: NDArray[np.integer]) -> NDArray[np.int64]:
+    """A checksum of each case, ``(n,)``, from its outcomes ``(n, P)`` and class ``(n,)``."""
+    pairs = zip(outcomes, classes.tolist(), strict=False)  # unequal numbers are refused elsewhere
+    return np.array([zlib.crc32(np.append(row, label).tobytes()) for row, label in pairs], np.int64)
 
 
 def _require_same_rows(cases: Any, labels: Any) -> None:

@@ -396,6 +396,19 @@ def test_columns_of_a_data_frame_are_read_by_their_names(rng):
         task.evaluate(Frame(cases, ("a", "x", "c")), truth)
 
 
+@pytest.mark.parametrize("is_fine", [True, False])  # values of which nearly all differ, or few that many cases share
+def test_cases_of_the_fit_certify_nothing(rng, is_fine):
+    truth = rng.integers(2, size=600)
+    cases = rng.normal(size=(600, 8)) + truth[:, None] if is_fine else drawn(rng, 600)[0]
+    task = ActiveClassification.from_cases(cases[:300], truth[:300], num_contexts=1)
+    fresh = task.certified(cases[300:], truth[300:], risk=0.3)
+    assert fresh.certificate is not None
+    some = [(cases[:300], truth[:300]), (cases[::-1], truth[::-1]), (cases[50:90], truth[50:90])]
+    for known in some[: 3 if is_fine else 1]:
+        with pytest.raises(InvalidArgument, match=r"\d+ cases equal those that the model was fitted to, .* one part"):
+            fresh.certified(*known, risk=0.3)
+
+
 def test_a_certificate_is_of_its_stops(rng):
     task = ActiveClassification.from_probs(TESTS, stop=0.9)
     truth = rng.integers(2, size=400)
