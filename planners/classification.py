@@ -32,7 +32,7 @@ from belief.constraints import ABOVE_ZERO, Count, Positive, Within, check, requi
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, few, index_of, one_line
-from belief.observation_model.context_fit import OutcomeCode, fit_contexts
+from belief.observation_model.context_fit import OutcomeCode, as_rows, as_table, fit_contexts, in_order
 from belief.observation_model.context_model import MISSING, ContextModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
 from belief.statistics import wilson_interval
@@ -173,9 +173,10 @@ class ActiveClassification(FrozenArrays):
         """The task of a table of past cases with known classes; its model is fitted to them.
 
         Args:
-            cases: values of columns, ``(n, C)``, finite numbers or words; NaN, None or "" where missing.
+            cases: values of columns, ``(n, C)``, finite numbers, also as text, or words; NaN, None or "" where missing.
+                A data frame, an array, or a list of rows or of dictionaries, such as ``list(csv.DictReader(file))``.
             labels: class of each case, ``(n,)``, any values that can be sorted.
-            actions: names of the P actions; by default those of the columns of a data frame.
+            actions: names of the P actions; by default those of the columns of a data frame or of dictionaries.
             groups: columns that one action shows, for each action; by default each column is an action.
             num_contexts: as of :func:`~belief.observation_model.context_fit.fit_contexts`.
             num_bins: most outcomes of a column; by default 4 to 16, by the number of cases.
@@ -183,6 +184,7 @@ class ActiveClassification(FrozenArrays):
             settings: as of the class; ``prior`` is by default the share of each class among the cases.
         """
         _require_same_rows(cases, labels)
+        cases = as_rows(cases)
         for place, label in enumerate(labels.ravel().tolist() if isinstance(labels, np.ndarray) else labels):
             if label is None or label != label or label == "":
                 raise InvalidArgument(f"the label of case {place} is missing: leave the case out")
@@ -378,7 +380,10 @@ class ActiveClassification(FrozenArrays):
         return answer
 
     def _outcomes(self, cases: ArrayLike) -> NDArray[np.int64]:
-        return self.model.outcomes_of(cases if self.code is None else self.code.outcomes(cases))
+        if self.code is not None:
+            return self.model.outcomes_of(self.code.outcomes(cases))
+        named = in_order(cases, self.actions) if isinstance(cases, list) else cases
+        return self.model.outcomes_of(np.nan_to_num(as_table(named), nan=MISSING))
 
     def _truth(self, labels: Sequence[Name] | NDArray[Any]) -> NDArray[np.int64]:
         found = np.asarray(labels)

@@ -8,7 +8,7 @@ Dirichlet distributions). This leaves few numbers to learn, and keeps noise out 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
@@ -18,6 +18,7 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
+from belief.files import plain_number
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names, few
 from belief.observation_model.context_model import MISSING, ContextModel, log_products
@@ -64,11 +65,7 @@ class OutcomeCode(FrozenArrays):
         Raises:
             InvalidArgument: another number of columns than was fitted, or another name, or a word that no case had.
         """
-        if self.names and (given := _names(values)):
-            if missing := [name for name in self.names if name not in given]:
-                raise InvalidArgument(f"the cases have no column {few(missing)}; their columns are {few(given)}")
-            values = np.asarray(values)[:, [given.index(name) for name in self.names]]
-        table = as_table(values, self.words)
+        table = as_table(in_order(values, self.names), self.words)
         if table.shape[1] != len(self.edges):
             raise InvalidArgument(f"a case has {len(self.edges)} columns, got {table.shape[1]}")
         return np.stack([self.outcome(action, table[:, list(own)]) for action, own in enumerate(self.columns)], axis=1)
@@ -101,7 +98,8 @@ class OutcomeCode(FrozenArrays):
         """A code for columns ``(n, C)``: each value or word its own outcome, or bins where there are many values.
 
         Args:
-            values: of cases, numbers or words; NaN, None or an empty word where missing.
+            values: of cases, numbers, also as text, or words; NaN, None or an empty word where missing. A list of
+                dictionaries, as of :class:`csv.DictReader`, is read as a data frame.
             groups: columns of each action; by default each column is an action.
             num_bins: most outcomes of a column; by default 4 to 16, by the number of cases. The columns of an action
                 with several have two each.
@@ -112,6 +110,7 @@ class OutcomeCode(FrozenArrays):
         >>> OutcomeCode.of([["yes", 7], ["no", 9], ["", 9]]).outcomes([["yes", 9]]).tolist()
         [[1, 1]]
         """
+        values = as_rows(values)
         words = _words(values)
         table = as_table(values, words)
         columns = tuple((c,) for c in range(table.shape[1])) if groups is None else tuple(map(tuple, groups))
@@ -148,6 +147,39 @@ class OutcomeCode(FrozenArrays):
                 for own, codes in zip(self.columns, self.joint, strict=True)
             ]
         )
+
+
+class _Rows(list[list[Any]]):
+    """Rows with names of columns, as of a data frame."""
+
+    columns: tuple[str, ...] = ()
+
+
+def as_rows(values: Any) -> Any:
+    """Cases as they are, but dictionaries, as of :class:`csv.DictReader`, as rows with names of columns."""
+    if not isinstance(values, list | tuple) or not values or not isinstance(values[0], Mapping):
+        return values
+    found = _Rows()
+    found.columns = tuple(values[0])
+    for number, row in enumerate(values):
+        if not isinstance(row, Mapping) or set(row) != set(found.columns):
+            raise InvalidArgument(f"row {number} of cases must have the columns {few(found.columns)}, got {row!r:.80}")
+        found.append([row[name] for name in found.columns])
+    return found
+
+
+def in_order(values: Any, names: Sequence[str]) -> Any:
+    """Cases with the columns of these names in their order, if both have names.
+
+    Raises:
+        InvalidArgument: a name is missing.
+    """
+    values = as_rows(values)
+    if not names or not (given := _names(values)):
+        return values
+    if missing := [name for name in names if name not in given]:
+        raise InvalidArgument(f"the cases have no column {few(missing)}; their columns are {few(given)}")
+    return np.asarray(values)[:, [given.index(name) for name in names]]
 
 
 def _names(values: Any) -> tuple[str, ...]:
@@ -376,7 +408,12 @@ def _sharpness(
 def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = ()) -> Floats:
     """Cases ``(n, C)`` as floats, words by their place among those of their column; NaN, None and "" are missing."""
     cells = unmasked(values, "cases")
-    if cells.dtype.kind in "OSU" and cells.ndim == 2:  # of a spreadsheet
+    if cells.dtype.kind in "OSU" and cells.ndim != 2:
+        raise InvalidArgument(
+            "cases must be a list of rows of equal length, or of dictionaries, such as list(csv.DictReader(file)), got "
+            f"{type(values).__name__} of shape {cells.shape}"
+        )
+    if cells.dtype.kind in "OSU":  # of a spreadsheet
         cells, found = np.asarray(values, object), np.full(cells.shape, np.nan)
         places = [{word: place for place, word in enumerate(known)} for known in words] or [{}] * cells.shape[1]
         for (i, column), cell in np.ndenumerate(cells):
@@ -389,8 +426,8 @@ def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = ()) -> Floats:
                 )
             if not known and number is None:
                 raise InvalidArgument(
-                    f"row {i}, column {column} of cases is {cell!r:.40}, no number; missing values are "
-                    "NaN, and a column of words has no numbers"
+                    f"row {i}, column {column} of cases is {cell!r:.40}, no number; missing values are NaN, None or "
+                    "empty, and a column of words has no numbers"
                 )
             found[i, column] = known[str(cell).strip()] if known else number
         cells = found
@@ -426,7 +463,7 @@ def _is_missing(cell: Any) -> bool:
 def _number(cell: Any) -> float | None:
     """A cell as a number; None for a word, and for what is neither."""
     try:
-        return float(cell) if isinstance(cell, str | Real) else None
+        return plain_number(cell) if isinstance(cell, str) else float(cell) if isinstance(cell, Real) else None
     except ValueError:
         return None
 

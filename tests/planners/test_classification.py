@@ -1,5 +1,6 @@
 """The door for whoever knows nothing of touch: cases, actions, outcomes; what is asked, named, stated and promised."""
 
+import csv
 import warnings
 from dataclasses import replace
 from types import SimpleNamespace
@@ -313,6 +314,31 @@ def test_columns_of_words_are_outcomes_and_numbers_in_quotes_are_numbers():
         OutcomeCode.of(many)
     paired = OutcomeCode.of(rows, [(0, 2), (1,)])
     assert paired.outcomes([["yes", 7, "b"]]).shape == (1, 2)
+
+
+def test_rows_of_a_csv_file_are_read_by_their_names(rng):
+    lines = ["age,fever,class"]
+    for is_ill in (rng.random(200) < 0.5).tolist():
+        age = "" if rng.random() < 0.1 else f"{30 + 10 * is_ill + rng.integers(12)}"
+        lines.append(f"{age},{'yes' if rng.random() < 0.2 + 0.6 * is_ill else 'no'},{'ill' if is_ill else 'well'}")
+    rows = list(csv.DictReader(lines))
+    labels = [row.pop("class") for row in rows]
+    plain = [[float(row["age"] or "nan"), row["fever"]] for row in rows]
+    task, other = (ActiveClassification.from_cases(cases[:100], labels[:100]) for cases in (rows, plain))
+    assert task.actions == ("age", "fever")
+    np.testing.assert_array_equal(task.model.probs, other.model.probs)
+    turned = [dict(reversed(row.items())) for row in rows[100:]]
+    assert str(task.evaluate(turned, labels[100:])) == str(other.evaluate(plain[100:], labels[100:]))
+    known = ActiveClassification.from_probs(TESTS, actions=("blood", "eyes", "skin"))
+    read = known.evaluate([{"skin": "1", "eyes": "", "blood": "0"}], [0], ("fixed",))
+    assert str(read) == str(known.evaluate([[0, -1, 1]], [0], ("fixed",)))
+    for cases, words in (
+        ([rows[0], {"age": "3"}], "row 1 of cases must have the columns age, fever, got"),
+        (csv.DictReader(lines), r"rows of equal length, or of dictionaries, such as list\(csv.DictReader"),
+        ([["1_0", 2.0], [1.0, 2.0]], "row 0, column 0 of cases is '1_0', no number; missing values are NaN, None or"),
+    ):
+        with pytest.raises(InvalidArgument, match=words):
+            ActiveClassification.from_cases(cases, ["ill", "well"])
 
 
 def test_a_task_of_cases_in_words_takes_its_names_and_is_told_words():
