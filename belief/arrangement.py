@@ -39,7 +39,7 @@ from belief.bayes import update
 from belief.constraints import MOST_COUNT
 from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.naming import shown
-from belief.validation import Floats, as_real, log_sum, require_index
+from belief.validation import Floats, as_real, at, log_sum, require_index
 
 MAX_STATES = 2**20
 """Largest number of multisets in an exact sum, reached by 20 distinct shapes."""
@@ -244,7 +244,7 @@ def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floa
         raise ValueError(f"{num_objects} objects cannot come from a bag of {sum(bag)}, counts {list(bag)}")
     if not weights.max() < np.inf:  # NaN is not less than anything
         row = int(np.argwhere(~(weights < np.inf))[0][0])
-        raise ValueError(f"log_weights in row {row} hold NaN or +inf: {weights[row].tolist()}")
+        raise ValueError(f"log_weights{at((row,))} hold NaN or +inf: {weights[row].tolist()}")
     return (weights if min(bag) > 0 else np.where(np.array(bag) > 0, weights, -np.inf)), bag
 
 

@@ -105,7 +105,7 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
     wrong = (indices < 0) | (indices >= size)
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise InvalidArgument(f"{name} must be integers in [0, {size}), got {indices[row]} in row {row}")
+        raise InvalidArgument(f"{name} must be integers in [0, {size}), got {indices[row]}{at((row,))}")
     return indices.astype(np.int64)
 
 
@@ -152,8 +152,8 @@ def require(
 
 
 def at(row: tuple[int, ...]) -> str:
-    """Words for an index: " in row 3", " in row (3, 1)", or an empty string for the index ()."""
-    return f" in row {row[0] if len(row) == 1 else row}" if row else ""
+    """Words for an index: " in row 3 (from 0)", " in row (3, 1) (from 0)", or an empty string for the index ()."""
+    return f" in row {row[0] if len(row) == 1 else row} (from 0)" if row else ""
 
 
 def renormalised(probs: Floats) -> Floats:
@@ -296,7 +296,7 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
     bad = ~((x == 0) | (x == 1))
     if bad.any():
         row = int(np.argmax(bad))
-        raise ValueError(f"{name} must be right (1) or wrong (0), got {x[row]} in row {row}")
+        raise ValueError(f"{name} must be right (1) or wrong (0), got {x[row]}{at((row,))}")
     return x.astype(np.bool_)
 
 

@@ -38,7 +38,7 @@ from belief.problem import Probe, SearchProblem, Touch, Unsure
 from belief.statistics import wilson_interval
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
 from belief.table import Table, Tabular
-from belief.validation import MOST_REPEATED, Floats, as_real, checked_indices, normalise_probs, require_count
+from belief.validation import MOST_REPEATED, Floats, as_real, at, checked_indices, normalise_probs, require_count
 from planners.decider import Decider, Decision, InformationState, ProbeSelector
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain
 from planners.session import Session
@@ -187,7 +187,7 @@ class ActiveClassification(FrozenArrays):
         cases = as_rows(cases)
         for place, label in enumerate(labels.ravel().tolist() if isinstance(labels, np.ndarray) else labels):
             if label is None or label != label or label == "":
-                raise InvalidArgument(f"the label of case {place} is missing: leave the case out")
+                raise InvalidArgument(f"a label is missing{at((place,))}: leave the case out")
         given = np.asarray(labels)
         values, number = np.unique(given, return_inverse=True)
         code = OutcomeCode.of(cases, groups, num_bins)

@@ -15,6 +15,7 @@ from belief.constraints import Within, require_rule
 from belief.validation import (
     Floats,
     as_real,
+    at,
     checked_values,
     labelled_logits,
     normalise_probs,
@@ -80,7 +81,7 @@ class Calibration(ABC):
             raise ValueError(f"need a weight for each of {len(y)} rows, got shape {w.shape}")
         if w.min() < 0.0 or not w.max() > 0.0:
             row = int(w.argmin())
-            raise ValueError(f"weights must not be negative, and one must be above zero; got {w[row]} in row {row}")
+            raise ValueError(f"weights must not be negative, and one must be above zero; got {w[row]}{at((row,))}")
         return self.fit_logits(z[w > 0.0], y[w > 0.0], w[w > 0.0])
 
     def predict_log_proba(self, logits: ArrayLike) -> Floats:

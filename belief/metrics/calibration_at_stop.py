@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.statistics.comparison import clopper_pearson_interval
 from belief.table import Table, Tabular
-from belief.validation import Floats, as_real, checked_outcomes, unmasked
+from belief.validation import Floats, as_real, at, checked_outcomes, unmasked
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def calibration_at_stop(
     bad = ~((confidences >= 0.0) & (confidences <= 1.0))
     if bad.any():
         row = int(np.argmax(bad))
-        raise ValueError(f"stated must lie in [0, 1], got {confidences[row]} in row {row}")
+        raise ValueError(f"stated must lie in [0, 1], got {confidences[row]}{at((row,))}")
     if not np.issubdtype(touches.dtype, np.integer) or touches.min() < 0:
         raise ValueError(f"num_touches must be integers ≥ 0, got {touches.dtype} from {touches.min()}")
     scores = tuple(

@@ -12,7 +12,7 @@ from belief.frozen import FrozenArrays
 from belief.naming import checked_names
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, checked_indices, pose_count, require_count, unmasked
+from belief.validation import Floats, at, checked_indices, pose_count, require_count, unmasked
 
 
 def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -33,7 +33,7 @@ def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[
     if wrong.any():
         row = int(np.argmax(wrong))
         raise ValueError(
-            f"object {unique[owner[row]]} has shape {shape_of[owner[row]]}, and in row {row} shape {truth[row]}"
+            f"object {unique[owner[row]]} has shape {shape_of[owner[row]]}, and shape {truth[row]}{at((row,))}"
         )
     return owner.astype(np.int64), shape_of.astype(np.int64)
 

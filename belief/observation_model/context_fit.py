@@ -22,7 +22,7 @@ from belief.files import plain_number
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names, few
 from belief.observation_model.context_model import MISSING, ContextModel, log_products
-from belief.validation import Floats, as_real, checked_indices, require_count, unmasked
+from belief.validation import Floats, as_real, at, checked_indices, require_count, unmasked
 
 _PRIOR = 0.5  # pseudo-counts of each outcome (Jeffreys), and of each context of a class
 _ROUNDS, _TIED_ROUNDS = 40, 4  # of the fit, without and with equal distributions made one
@@ -163,7 +163,8 @@ def as_rows(values: Any) -> Any:
     found.columns = tuple(values[0])
     for number, row in enumerate(values):
         if not isinstance(row, Mapping) or set(row) != set(found.columns):
-            raise InvalidArgument(f"row {number} of cases must have the columns {few(found.columns)}, got {row!r:.80}")
+            known = few(found.columns)
+            raise InvalidArgument(f"cases must all have the columns {known}, got {row!r:.60}{at((number,))}")
         found.append([row[name] for name in found.columns])
     return found
 
@@ -422,18 +423,19 @@ def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = ()) -> Floats:
             known, number = places[column] if column < len(places) else {}, _number(cell)
             if known and str(cell).strip() not in known:
                 raise InvalidArgument(
-                    f"row {i}, column {column} of cases is {cell!r:.40}, which no case had: {few(list(known))}"
+                    f"column {column} of cases is {cell!r:.40}{at((i,))}, which no case had: {few(list(known))}"
                 )
             if not known and number is None:
                 raise InvalidArgument(
-                    f"row {i}, column {column} of cases is {cell!r:.40}, no number; missing values are NaN, None or "
+                    f"column {column} of cases is {cell!r:.40}{at((i,))}, no number; missing values are NaN, None or "
                     "empty, and a column of words has no numbers"
                 )
             found[i, column] = known[str(cell).strip()] if known else number
         cells = found
     table = np.asarray(as_real(cells, "cases"), np.float64)
     if table.ndim != 2 or np.isinf(table).any():
-        raise InvalidArgument(f"cases must be finite numbers (n, C), NaN where missing, got shape {table.shape}")
+        got = f"shape {table.shape}" if table.ndim != 2 else f"inf{at((int(np.isinf(table).any(axis=1).argmax()),))}"
+        raise InvalidArgument(f"cases must be finite numbers (n, C), NaN where missing, got {got}")
     return table
 
 

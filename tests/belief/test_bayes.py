@@ -117,7 +117,7 @@ def test_impossible_evidence_raises_and_names_the_row():
 @pytest.mark.parametrize(
     ("log_prior", "log_likelihood", "message"),
     [
-        ([[np.log(0.5)] * 2] * 3, [[0, 0], [0, np.nan], [0, 0]], "log_likelihood in row 1 holds NaN"),
+        ([[np.log(0.5)] * 2] * 3, [[0, 0], [0, np.nan], [0, 0]], r"log_likelihood in row 1 \(from 0\) holds NaN"),
         ([np.log(0.5)] * 2, [np.inf, 0.0], "NaN or [+]inf"),
         ([np.nan, 0.0], [0.0, 0.0], "log_prior holds NaN"),
         (np.log([0.5, 0.6]), [0.0, 0.0], "do not sum to one"),
@@ -134,7 +134,7 @@ def test_bad_input_raises_and_says_where(log_prior, log_likelihood, message):
 def test_the_row_of_a_batch_of_batches_is_named_by_all_its_indices():
     log_likelihood = np.zeros((3, 4, 2))
     log_likelihood[2, 1, 0] = np.nan
-    with pytest.raises(ValueError, match=r"log_likelihood in row \(2, 1\) holds NaN"):
+    with pytest.raises(ValueError, match=r"log_likelihood in row \(2, 1\) \(from 0\) holds NaN"):
         update(np.log([0.5, 0.5]), log_likelihood)
 
 

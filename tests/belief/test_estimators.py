@@ -249,7 +249,7 @@ def test_other_arguments_are_errors_that_say_why(touches):
         CalibratedClassifier(calibration="isotonic").fit(logits, labels)
     with pytest.raises(ValueError, match="label 2, which is not in classes="):
         CalibratedClassifier(classes=(0, 1, 3)).fit(logits, labels)
-    with pytest.raises(ValueError, match=r"object 0\.0 has shape 0, and in row 4 shape 1"):
+    with pytest.raises(ValueError, match=r"object 0\.0 has shape 0, and shape 1 in row 4"):
         Observed().fit(logits, labels, np.zeros(600))
     with pytest.raises(ValueError, match="3 columns of logits for 4 classes"):
         CalibratedClassifier(classes="abcd").fit(logits, np.array([*"abc"])[labels])

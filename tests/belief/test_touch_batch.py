@@ -123,7 +123,7 @@ def test_ids_may_be_of_any_kind_that_sorts(ids):
 @pytest.mark.parametrize(
     ("shapes", "ids", "message"),
     [
-        ([0, 1], [5, 5], "object 5 has shape 0, and in row 1 shape 1"),
+        ([0, 1], [5, 5], r"object 5 has shape 0, and shape 1 in row 1 \(from 0\)"),
         ([0, 1], [5], "a shape and an object id for every touch"),
         ([[0, 1]], [[5, 6]], "a shape and an object id for every touch"),
         ([0.0, 1.0], [5, 6], "shapes must be integers, got float64"),

@@ -193,8 +193,8 @@ def test_mixed_scales_in_one_table_are_fitted_too(name, logits, labels):
         (np.zeros((0, 3)), np.zeros(0, int), r"n ≥ 1, got \(0, 3\)"),
         (np.zeros((2, 0)), [0, 0], "n ≥ 1"),
         (np.zeros(3), [0], "need logits"),
-        ([[0.0, 1.0], [0.0, np.nan]], [0, 1], "row 1 are not finite"),
-        ([[-np.inf, 1.0]], [0], "row 0 are not finite"),
+        ([[0.0, 1.0], [0.0, np.nan]], [0, 1], r"row 1 \(from 0\) are not finite"),
+        ([[-np.inf, 1.0]], [0], r"row 0 \(from 0\) are not finite"),
         ([[0.0, 1.0], [0.0, 1.0]], [0, 2], r"integers in \[0, 2\), got 2 in row 1"),
         ([[0.0, 1.0]], [-1], "got -1 in row 0"),
         ([[0.0, 1.0]], [0.0], "got float64"),
@@ -223,7 +223,7 @@ def test_logits_of_certain_probabilities_are_as_sure_as_the_floor_allows():
 @every_calibration
 @pytest.mark.parametrize(
     ("logits", "message"),
-    [(np.zeros((0, 3)), "none of the axes empty"), (1.0, "need logits"), ([[np.nan] * 3], "row 0 are not finite")],
+    [(np.zeros((0, 3)), "none of the axes empty"), (1.0, "need logits"), ([[np.nan] * 3], r"row 0 \(from 0\) are not finite")],
 )
 def test_what_cannot_be_predicted_is_refused(name, rng, logits, message):
     fitted = CALIBRATIONS[name]().fit(*sample(rng))

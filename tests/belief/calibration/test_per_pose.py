@@ -51,7 +51,7 @@ def test_folds_keep_objects_whole_and_shapes_even(num_folds, ids, random):
         ([0, 1], [1, 2], 0, "at least 1, got 0"),
         ([0, 1], [1, 2], 1.5, "must be an integer"),
         ([0, 1], [1, 2], True, "must be an integer"),
-        ([0, 1, 0], [5, 5, 6], 2, "object 5 has shape 0, and in row 1 shape 1"),
+        ([0, 1, 0], [5, 5, 6], 2, r"object 5 has shape 0, and shape 1 in row 1 \(from 0\)"),
         ([0, 1], [1], 2, "for every touch"),
         ([[0, 1]], [[1, 2]], 2, "for every touch"),
     ],

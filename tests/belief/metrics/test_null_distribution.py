@@ -73,7 +73,7 @@ def test_a_calibrated_model_exceeds_its_null_quantile_one_time_in_twenty(rng):
     ("changes", "message"),
     [
         ({"probs": np.zeros((0, 2))}, "n ≥ 1"),
-        ({"probs": [[0.5, 0.6]]}, "row 0 holds"),
+        ({"probs": [[0.5, 0.6]]}, r"row 0 \(from 0\) holds"),
         ({"quantile": 1.0}, "quantile must be a number in"),
         ({"quantile": np.nan}, "quantile must be a number in"),
         ({"num_resamples": 1.5}, "num_resamples must be an integer"),
