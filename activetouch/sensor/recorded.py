@@ -80,9 +80,7 @@ class RecordedSensor(Searching):
 
         check_recorded(touches)
         reading = read(touches, for_use(touches), kinds_of(touches, classifier, is_logits))
-        counts = {"touches": touches.num_touches, "objects": len(np.unique(touches.objects))}
-        origin = {"provenance": touches.provenance, "licence": touches.licence, "task": touches.task, **counts}
-        return cls(reading.reader, reading.model(touches), origin)
+        return cls(reading.reader, reading.model(touches), origin_of(touches))
 
     @classmethod
     def read_folder(cls, folder: Path) -> RecordedSensor:
@@ -165,3 +163,9 @@ class RecordedSensor(Searching):
         return one_line(
             RecordedSensor, few(self.shape_labels), actions, f"{self.recorded_reader.num_features} features"
         )
+
+
+def origin_of(touches: RecordedTouches) -> dict[str, Any]:
+    """What a sensor of these touches is trained on, see :class:`RecordedSensor`."""
+    counts = {"touches": touches.num_touches, "objects": len(np.unique(touches.objects))}
+    return {"provenance": touches.provenance, "licence": touches.licence, "task": touches.task, **counts}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,14 +16,17 @@ from activetouch.recorded.formats import Format
 from activetouch.recorded.reader import kinds_of
 from activetouch.recorded.touches import splits_of
 from activetouch.sensor import RecordedSensor
+from activetouch.sensor.recorded import origin_of
+from activetouch.sensor_files import RECORDED_FILE
 from belief.constraints import NotEmpty, Share, Within
-from belief.files import claim_folder, ends_claims
+from belief.files import claim_folder, ends_claims, require_regular_file
 from belief.naming import few
 from belief.references import build, find
 from experiments.command_line.arguments import BadArgument, Count, CountOrNone, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.recorded.play import FIXED, Found, Named, find_all, identify_all, prepare
-from experiments.recorded.report import RecordedReport
+from experiments.recorded.report import RESULTS, RecordedReport
+from experiments.search.run import RunMismatch, differing
 from planners.registry import find_decider, trained_state
 
 _OBJECTS = 4
@@ -56,11 +60,16 @@ def recorded(
     shuffle: bool = False,
     notes: Sequence[str] = (),
     save: str | Path | None = None,
+    out: str | Path | None = None,
 ) -> RecordedReport:
     """Identify and search for recorded objects by recordings that were not learned from, with several deciders.
 
     ``name`` is the name of the set, ``notes`` say how it was read, and ``classifier`` is one of your own, as in
-    :meth:`activetouch.sensor.RecordedSensor.fit`. All other arguments are the settings of :class:`Recorded`.
+    :meth:`activetouch.sensor.RecordedSensor.fit`. All other arguments are the settings of :class:`Recorded`; nothing is
+    written without ``save`` and ``out``.
+
+    Raises:
+        RunMismatch: a folder holds the results, or the sensor, of other recordings or settings.
     """
     for decider in deciders:
         _require_plain(decider, max_touches)
@@ -82,14 +91,6 @@ def recorded(
         objects, remarks = most, (*remarks, remark)
     if scenes and objects > most:
         raise BadArgument(f"--objects {objects}: there are {most} to search among; give fewer, or --scenes 0")
-    if save is not None:
-        RecordedSensor.fit(touches, classifier, logits).save(save)
-    leaks = Leaks.of(touches, splits)
-    made = [prepare(touches, split, threshold, kinds) for split in splits]
-    named, found = list[Named](), list[Found]()
-    for place, fold in enumerate(made):
-        named += identify_all(fold, [seed, place], threshold, max_touches, rounds)
-        found += find_all(fold, deciders, [seed, place], objects, scenes, max_touches)
     facts = {
         "name": name,
         "task": task,
@@ -113,7 +114,29 @@ def recorded(
         "shuffle": shuffle,
         "notes": [*notes, *dropped, *remarks],
     }
-    return RecordedReport(made, named, found, facts, leaks)
+    if out is not None and (Path(out) / RESULTS).exists():
+        held = json.loads(require_regular_file(Path(out) / RESULTS, BadArgument).read_text(encoding="utf-8"))
+        _require_same(out, held, {name: value for name, value in facts.items() if name != "notes"})
+    if save is not None:
+        if (Path(save) / RECORDED_FILE).exists():
+            _require_same(save, RecordedSensor.read_folder(Path(save)).origin, origin_of(touches))
+        RecordedSensor.fit(touches, classifier, logits).save(save)
+    leaks = Leaks.of(touches, splits)
+    made = [prepare(touches, split, threshold, kinds) for split in splits]
+    named, found = list[Named](), list[Found]()
+    for place, fold in enumerate(made):
+        named += identify_all(fold, [seed, place], threshold, max_touches, rounds)
+        found += find_all(fold, deciders, [seed, place], objects, scenes, max_touches)
+    report = RecordedReport(made, named, found, facts, leaks)
+    if out is not None:
+        report.save(out)
+    return report
+
+
+def _require_same(folder: str | Path, held: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
+    """Refuse to write over the results, or the sensor, of other recordings or settings."""
+    if other := differing(held, wanted):
+        raise RunMismatch(f"{folder} holds another run: {other}. Choose another folder, such as {folder}-2")
 
 
 @dataclass(frozen=True)
@@ -193,7 +216,7 @@ class Recorded:
             console.print(f"- {note}")
         names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
         settings = {name: getattr(self, name) for name in (*names, "logits", "drop", "shuffle")}
-        settings |= {"notes": notes, "save": self.save, "classifier": classifier}
+        settings |= {"notes": notes, "save": self.save, "classifier": classifier, "out": out}
         report = recorded(touches, self.task, name=self.format, **settings)
         for note in report.facts["notes"][len(notes) :]:
             console.print(f"- {note}")
@@ -201,7 +224,6 @@ class Recorded:
             print(table, end="\n\n")
         for sentence in report.verdict():
             console.print(f"- {sentence}")
-        report.save(out)
         if self.save is not None:
             print(f"wrote a sensor, trained on all {report.facts['touches']} touches, into {self.save}")
         print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and tables into {out}")

@@ -20,6 +20,7 @@ from experiments.report import Report, Reported, Section
 from experiments.sensor.scores import accuracy_of_objects
 from planners.search import Identification
 
+RESULTS = "results.json"
 _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean number of touches tells little
 _WIDE, _LEAST = 0.1, 6  # width of an interval below what is stated that shows little; pairs that show a difference
 
@@ -105,7 +106,7 @@ class RecordedReport(Reported):
         }
         episodes = [{"decider": one.decider, "scene": one.scene, **one.episode.to_dict()} for one in self.found]
         files = {
-            "results.json": json.dumps(result, indent=1, ensure_ascii=False) + "\n",
+            RESULTS: json.dumps(result, indent=1, ensure_ascii=False) + "\n",
             "episodes.jsonl": "".join(json.dumps(episode) + "\n" for episode in episodes),
         }
         title = f"Recorded touches: {self.facts['name']}, {self.facts['task']}"

@@ -223,7 +223,7 @@ def test_logits_of_certain_probabilities_are_as_sure_as_the_floor_allows():
 @every_calibration
 @pytest.mark.parametrize(
     ("logits", "message"),
-    [(np.zeros((0, 3)), "none of the axes empty"), (1.0, "need logits"), ([[np.nan] * 3], r"row 0 \(from 0\) are not finite")],
+    [(np.zeros((0, 3)), "none of the axes empty"), (1.0, "need logits"), ([[np.nan] * 3], "row 0 .* are not finite")],
 )
 def test_what_cannot_be_predicted_is_refused(name, rng, logits, message):
     fitted = CALIBRATIONS[name]().fit(*sample(rng))

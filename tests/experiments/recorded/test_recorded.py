@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from experiments.command_line.arguments import BadArgument
 from experiments.recorded.play import RANDOM, Named
 from experiments.recorded.recorded import Recorded, recorded
 from experiments.recorded.report import best_of, by_object, trust
+from experiments.search.run import RunMismatch
 from planners.episode import Episode, Outcome
 from planners.search import Identification
 
@@ -161,6 +162,22 @@ def test_bts3_is_read_in_order_of_recording(tmp_path):
     result = json.loads((tmp_path / "results.json").read_text())
     right = {row[0]: float(row[2].split()[0]) for row in result["tables"]["identification"]}
     assert 0.2 < right["random order"] < 0.6  # after two touches; a guess is right in 0.024
+
+
+@pytest.mark.usefixtures("one_classifier")
+def test_results_and_sensors_of_other_settings_and_recordings_are_kept(own, tmp_path):
+    touches, _ = read_recorded(own.parent, "csv")
+    small = {"scenes": 0, "rounds": 1, "save": tmp_path / "sensor", "out": tmp_path / "run"}
+    recorded(touches, **small)
+    recorded(touches, **small)  # the same one again
+    files = [path for path in tmp_path.rglob("*") if path.is_file()]
+    held = [path.read_bytes() for path in files]
+    with pytest.raises(RunMismatch, match=r"run holds another run: other seed; other threshold. Choose another folder"):
+        recorded(touches, **small, seed=1, threshold=0.8)
+    fewer = replace(touches, provenance="elsewhere")
+    with pytest.raises(RunMismatch, match="sensor holds another run: other provenance"):
+        recorded(fewer, **small | {"out": tmp_path / "other"})
+    assert [path.read_bytes() for path in files] == held
 
 
 @pytest.mark.usefixtures("one_classifier")
