@@ -26,9 +26,11 @@ LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
 ENOUGH = 20
 """Least number of searches after which a decider is called the best; resamples of fewer are too much alike."""
+GUESS = "random_confirm"
+"""The decider that answers without a touch on purpose."""
 _ROLES = {
     "threshold": ", the paper's rule,",
-    "random_confirm": ", which guesses,",
+    GUESS: ", which guesses,",
     FULL_INFORMATION: ", which touches all objects in all poses,",
 }
 _MOST_NAMED, _MOST_REASONS, _MOST_PAIRS = 6, 3, 2  # deciders in the answer; of each, reasons of failures and pairs
@@ -136,10 +138,15 @@ def _told(cell: Cell, in_full: bool = False) -> str:
 
 
 def failure_sentence(name: str, episodes: Sequence[Episode]) -> str:
-    """Why a decider failed, the most frequent reason first; empty if it never failed, or does not go by touches."""
+    """Why a decider failed, the most frequent reason first; empty if it never failed, or its role says it."""
     failed = [episode for episode in judged(episodes) if not episode.success]
-    if not failed or name == FULL_INFORMATION or not any(episode.num_touches for episode in episodes):
+    if not failed or name in (FULL_INFORMATION, GUESS):
         return ""
+    if not any(episode.num_touches for episode in episodes):
+        first = {type(episode.steps[0].decision.action) for episode in episodes}
+        rejects = ", and rejects every object" * all(one.outcome is Outcome.EXHAUSTED for one in episodes)
+        how = rejects or ", and confirms the first object" * (first == {Confirm})
+        return f"Why {name} fails in {len(failed)}: it answers without a touch{how}."
     by_words = defaultdict[str, list[Failure]](list)
     for failure in map(why_failed, failed):
         by_words[failure.words].append(failure)

@@ -203,7 +203,20 @@ def test_reasons_are_counted_the_most_frequent_first():
         "probability 0.30). There, b was taken for a 5 times."
     )
     assert failure_sentence("mine", some[5:]) == ""
-    assert failure_sentence("guesses", [search("rc")] * 3) == ""
+    assert failure_sentence("random_confirm", [search("rc")] * 3) == ""
+
+
+@pytest.mark.parametrize(
+    ("some", "how"),
+    [
+        ([search("rr", outcome=Outcome.EXHAUSTED)] * 3, ", and rejects every object"),
+        ([search("c", arrangement=(1, 0)), search("c")], ", and confirms the first object"),
+        ([search("rc"), search("c"), search("u", outcome=Outcome.UNSURE)], ""),
+    ],
+)
+def test_a_decider_that_never_touches_fails_for_that_reason(some, how):
+    number = sum(not one.success for one in some)
+    assert failure_sentence("mine", some) == f"Why mine fails in {number}: it answers without a touch{how}."
 
 
 def test_the_pairs_that_are_confused_most_are_named():
