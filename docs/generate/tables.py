@@ -280,6 +280,16 @@ def scoreboard(page: str) -> str:
     return _with_rows(page, "# Scoreboard", rows)
 
 
+def baselines(page: str) -> str:
+    """What ``activetouch benchmark`` prints beside an agent: success, touches and return of a baseline and a guess."""
+    shown, keys = (*_BASELINES, "random_confirm", "random"), ("success", "touches", "return")
+    by_task = {
+        task: {name: [round(found[name][key], 4) for key in keys] for name in shown if name in found}
+        for task, found in _submissions()[1].items()
+    }
+    return json.dumps(by_task, indent=1) + "\n"
+
+
 @cache
 def _submissions() -> tuple[list[Any], dict[str, dict[str, Any]]]:
     """All submissions, and the rows of their results by task and agent."""
@@ -301,6 +311,7 @@ PAGES = {
     "records/tables/real_touch.md": real_touch,
     "docs/benchmark.md": benchmark,
     "records/submissions/README.md": scoreboard,
+    "experiments/search/benchmark/baselines.json": baselines,
 }
 """What fills each page, by its path."""
 

@@ -16,13 +16,14 @@ from belief.codec import OPTIONAL, from_fields, to_fields
 from belief.constraints import Checked, Count
 from belief.errors import UnknownName
 from belief.problem import SearchProblem
+from belief.table import Table
 from experiments.command_line.arguments import BadArgument, Seed, Trust
 from experiments.parallel import run_tasks
 from experiments.search.benchmark.submission import PlayedBatch, batches_of
 from experiments.search.comparison import prepared
 from experiments.search.play import EPISODES_PER_BATCH, Setting
 from experiments.search.run import Run
-from experiments.search.verdict import failure_sentence
+from experiments.search.verdict import GUESS, failure_sentence
 from planners import Decider
 from planners.fingerprint import files_digest
 from planners.registry import DECIDERS
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from experiments.search.benchmark.trays import TrayTask
 
 TASKS = Path(__file__).parent / "tasks"
+BASELINES = Path(__file__).parent / "baselines.json"
+"""Written by docs/generate/tables.py from the submissions that are committed."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,16 @@ class Card(Checked):
         if self.oracle is not None:
             return self.oracle
         return float(np.mean([one_touch_bound(self.problem.seeking(target), target) for target in self.sought]))
+
+    def beside(self) -> Table:
+        """Agents of this package on the development searches: the baseline, and a guess; without rows for others."""
+        known = json.loads(BASELINES.read_text(encoding="utf-8")).get(self.name, {})
+        return Table(
+            "Beside it, on the development seeds",
+            ["agent", ("success", ".3f"), ("touches", ".2f"), ("return", ".3f")],
+            [(name, *found) for name, found in known.items()],
+            f"{GUESS} answers without a touch." * (GUESS in known),
+        )
 
     def batches(self) -> list[tuple[str, range]]:
         """Target and numbers of the searches of each batch."""

@@ -113,6 +113,16 @@ def test_the_command_says_why_an_agent_fails(small, tmp_path, capsys):
     assert f"Why {CARELESS} fails in {failed}: " in capsys.readouterr().out
 
 
+def test_a_score_stands_beside_those_of_a_baseline_and_of_a_guess(small, tmp_path, monkeypatch, capsys):
+    known = replace(small, name="coarse-v1").beside()
+    assert [row[0] for row in known.rows] == ["information_gain", "random_confirm"]
+    assert not small.beside().rows
+    (tmp_path / "known.json").write_text(json.dumps({"small-v1": {"baseline": [0.875, 3.0, 0.5]}}))
+    monkeypatch.setattr(cards, "BASELINES", tmp_path / "known.json")
+    Benchmark(agent=CARELESS, task="small-v1", out=tmp_path / "a.gz", jobs=1).run()
+    assert "baseline    0.875     3.00   0.500" in capsys.readouterr().out
+
+
 def test_a_small_share_plays_a_batch_again(honest):
     entries = [check([honest[CARELESS]], share=1e-9, jobs=1)[0].replayed for _ in range(2)]
     assert entries == [13, 13]  # one of two batches
