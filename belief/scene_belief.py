@@ -291,7 +291,8 @@ class SceneBelief(ReadableScene):
                 f"the observation model {type(model).__name__} cannot weigh whether an object has none of the shapes; "
                 "leave out unlisted, or use a belief about nested cells (a reader of any object)"
             )
-        self._places, self._log_marginals = self._compute(self._log_likelihoods, self._evidence)
+        self._strange = np.zeros(problem.num_objects)  # log likelihoods of none of the shapes
+        self._places, self._log_marginals = self._compute(self._log_likelihoods, self._strange)
         if target is not None and np.isneginf(self._log_marginals[:, self._shape(target)]).all():
             label = self.labels[self._shape(target)]
             source = "the prior" if self._counts is None else "the bag"
@@ -316,25 +317,29 @@ class SceneBelief(ReadableScene):
         """
         self._object(object_index)
         new, evidence, health, touched = tuple(touches), self._evidence[object_index], self._health, self._touched
-        log_likelihoods = self._log_likelihoods.copy()
+        log_likelihoods, strange = self._log_likelihoods.copy(), self._strange.copy()
         if self._sensor is None:
             for touch in new:
                 evidence = evidence.update(touch)
             log_likelihoods[object_index] = evidence.log_likelihood
+            if self._log_prior is not None:
+                strange[object_index] = cast("WeighsStrangers", evidence).log_unlisted  # checked at the start
         elif new:
             log_likelihoods, touched, health = self._coupled(self._sensor, object_index, new)
             evidence = touched[object_index]
+            if self._log_prior is not None:
+                strange[list(touched)] = cast("Any", health).log_unlisted
         changed = [touched.get(index, one) for index, one in enumerate(self._evidence)]
         changed[object_index] = evidence
         try:
-            places, log_marginals = self._compute(log_likelihoods, changed)
+            places, log_marginals = self._compute(log_likelihoods, strange)
         except ImpossibleObservation as error:
             poses = [touch.pose for touch in new]
             raise ImpossibleObservation(
                 f"touching object {object_index} in poses {poses}, {self.belief(object_index)}: {error}"
             ) from error
         self._log_likelihoods, self._log_marginals, self._places = log_likelihoods, log_marginals, places
-        self._evidence, self._health, self._touched = changed, health, touched
+        self._evidence, self._health, self._touched, self._strange = changed, health, touched, strange
         self._touches[object_index] = self._touches[object_index].extended(new)
         return self.belief(object_index)
 
@@ -346,17 +351,18 @@ class SceneBelief(ReadableScene):
         found, new = dict(self._touched), {object_index: touches}
         evidence = found[object_index] if object_index in found else sensor.start_in(self._health.awake)
         found[object_index] = evidence.updated(touches)
-        likely, health = sensor.over_objects(list(found.values()), self._earlier_bets)
+        odds = () if self._log_prior is None else (float(np.subtract(*self._log_prior[::-1])),)
+        likely, health = sensor.over_objects(list(found.values()), self._earlier_bets, *odds)
         asleep = [] if health.is_clear else [index for index, one in found.items() if one.has_sleepers]
         for index in asleep:
             found[index] = sensor.start().updated((*self._touches[index], *new.get(index, ())))
         if asleep:
-            likely, health = sensor.over_objects(list(found.values()), self._earlier_bets)
+            likely, health = sensor.over_objects(list(found.values()), self._earlier_bets, *odds)
         log_likelihoods = self._log_likelihoods.copy()
         log_likelihoods[list(found)] = likely
         return log_likelihoods, found, health
 
-    def _compute(self, log_likelihoods: Floats, evidence: Sequence[ObjectEvidence]) -> tuple[Places, Floats]:
+    def _compute(self, log_likelihoods: Floats, strange: Floats) -> tuple[Places, Floats]:
         """The places of the composition, and the log marginals of every object, ``(N, K)``.
 
         Each object of the composition is replaced by a stranger with the prior probability of unlisted shapes, so that
@@ -367,7 +373,6 @@ class SceneBelief(ReadableScene):
         if self._log_prior is None:
             found = self._marginals_of(log_likelihoods)
             return Places(log_likelihoods, found), found
-        strange = np.array([cast("WeighsStrangers", one).log_unlisted for one in evidence])  # checked at the start
         both = np.stack([log_likelihoods, np.broadcast_to(strange[:, None], log_likelihoods.shape)])
         both += self._log_prior[:, None, None]
         weights = np.logaddexp(*both)

@@ -113,15 +113,12 @@ def open_sensor(
     nested: bool | None = None,
     other_proportions: bool = False,
     guarded: bool = False,
-    strangers: bool = False,
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
     ``folder`` may also be the name of a scene with a shipped sensor. With ``jobs``, contacts are predicted first, with
     a progress bar. ``guarded``: where it has both readers, its description and the proportions of built-in solids are
-    doubted, in place of the two arguments for that; with ``strangers``, objects that may have none of the shapes, the
-    proportions alone, as a doubted sensor weighs no strangers. Errors of a sensor for another scene say how to make a
-    fitting one.
+    doubted, in place of the two arguments for that. Errors of a sensor for another scene say how to make a fitting one.
     """
     if folder is not None and folder.suffix == ".toml" and isinstance(choice, SceneChoice) and choice.pad is None:
         raise InvalidArgument(f"{folder} describes a pad: give it as --pad {folder}, and leave out --sensor")
@@ -137,7 +134,6 @@ def open_sensor(
         path, fitted, _ = files_for(chosen, scene, anyway, independent, bool(unknown_state) or nested is True)
         if guarded:
             unknown_state, other_proportions = _guards(chosen, path, fitted, scene, independent, nested)
-            unknown_state = False if strangers else unknown_state
         if jobs is not None and fitted is None:
             from activetouch.perception.preparation import hypotheses_of
 

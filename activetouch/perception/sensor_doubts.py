@@ -24,9 +24,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
+from activetouch.perception.contacts.random_views import log_normalisers, random_views
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, regridded, sensor_state
 from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
 from activetouch.perception.proportions import OtherProportions
@@ -36,9 +38,11 @@ from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.scene import Scene
 from belief.observation_model.doubted_sensor import DoubtedEvidence, DoubtedSensorModel, Explanation
+from belief.observation_model.embedded_hypotheses import scaled
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.repeat_discount import repeat_shares
+from belief.observation_model.rigid_body import RigidBodyModel, joint_model
 from belief.observation_model.rigid_body_evidence import joint_evidence
 from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import SensorHealth, spread_prior
@@ -84,6 +88,7 @@ _FULL = 0.9  # reading of a cell that may be stuck, relative to full scale
 _MOST_CHANGES = 3
 _BLANK = 12.0  # log Bayes factor that a sensor tells nothing, where its taxels all read the same: noise makes that rare
 _UNEXPLAINED = 2.0  # log Bayes factor from which changes are composed
+_BODIES = 128  # random ones, in a few views each, that stand for objects of none of the shapes
 
 
 class _Believed(NamedTuple):
@@ -288,6 +293,33 @@ class SensorDoubts:
             other = self._checked(objects, evidence, likely, health, composed.states)
             found = other if other.log_unexplained < found.log_unexplained else found
         return found
+
+    def log_stranger(self, one: DoubtedEvidence) -> float:
+        """See :class:`belief.observation_model.doubted_sensor.Doubts`: of random bodies and of few hypotheses."""
+        number, total = one.sums.get("stranger", (0, np.zeros(1)))
+        for touch in one.again[number:]:
+            total = total + log_normalisers(self._random[0], _features(touch)[None], 1.0 / _SOFTER)
+        one.sums["stranger"] = len(one.again), total
+        return float(total[0] - self._coarsely(one)[0]) + math.log(_FEW * len(self.scene.shape_labels))
+
+    def log_strangers(self, one: DoubtedEvidence) -> Floats:
+        """See :class:`belief.observation_model.doubted_sensor.Doubts`: a random body in every touch."""
+        body, alone = joint_model(self.states()), joint_evidence(one.inferred.nominal)
+        assert body is not None, "of a rigid body"
+        assert alone is not None, "of a rigid body"
+        number, felt = one.sums.get("strangers", (0, np.zeros((0, len(self._random) + 1))))
+        for touch in one.again[number:]:
+            scores = self._random @ scaled(body.embedding_of(touch), body.temperature)[0].astype(np.float32)
+            some = logsumexp(scores, axis=1) - math.log(scores.shape[1])
+            felt = np.vstack([felt, np.append(some, 0.0)])
+        one.sums["strangers"] = len(one.again), felt
+        poses = np.array([[int(touch.pose) for touch in one.again]])
+        return np.asarray(repeat_shares(poses, body.correlation, body.drift)[0] @ felt - alone.constant)
+
+    @cached_property
+    def _random(self) -> Floats32:
+        """Embedded views of random bodies in the described state and the listed ones, ``(1 + W, B, D)``."""
+        return random_views(self._hypotheses, self.imaging.code(self._listed[1]), _BODIES)
 
     def _checked(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -15,6 +16,7 @@ from belief.arrangement import num_states
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
+from belief.observation_model.evidence import WeighsStrangers, start
 from belief.observation_model.model import ArrayModel
 from belief.problem import SearchProblem
 from belief.seeding import checked_key
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 STRANGERS = 0.15
 """Usual prior probability that an object is none of many bodies: at 0.05, strangers were named after few touches."""
+UNLISTED_SHARE = 0.05
+"""Usual prior probability that an object is none of few bodies."""
 
 
 class Searching(ABC):
@@ -145,12 +149,21 @@ class Searching(ABC):
             seed: of the decider.
             log: as of :meth:`session`.
             rules: ``threshold``, ``max_touches``, ``unlisted``, ``opinion`` and others of
-                :func:`planners.search.naming_session`. ``unlisted`` is by default :data:`STRANGERS` among many bodies.
+                :func:`planners.search.naming_session`. ``unlisted`` is by default :data:`UNLISTED_SHARE`, among
+                many bodies :data:`STRANGERS`, and 0 where touches tell nothing about it.
         """
         made = make_decider(decider, self.model.outcome_table(), self.model) if isinstance(decider, str) else decider
-        usual = 0.0 if getattr(self.model, "strangers", None) is None else STRANGERS
-        rules = {"least_area": 0.0, "reader": self.image_reader, "unlisted": usual, **rules}
+        rules = {"least_area": 0.0, "reader": self.image_reader, "unlisted": _usual_share(self.model), **rules}
         return naming_session(made, self.model, self.pose_labels, seed, **rules).begun(log)
+
+
+def _usual_share(model: ArrayModel) -> float:
+    """Usual prior probability that an object has none of the shapes; 0 where touches tell nothing about that."""
+    if hasattr(model, "strangers"):
+        return 0.0 if model.strangers is None else STRANGERS
+    with suppress(InvalidArgument):  # of a model without a conflict test
+        return UNLISTED_SHARE * isinstance(start(model), WeighsStrangers)
+    return 0.0
 
 
 def _problem_of(

@@ -32,7 +32,7 @@ nearest of the listed states: wrong sign 1.00
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
@@ -94,6 +94,12 @@ class Doubts(Protocol):
     ) -> Explanation:
         """What the listed states, or composed ones, say; given what the listed ones say, ``(n, K)``."""
 
+    def log_stranger(self, one: DoubtedEvidence) -> float:
+        """Log ratio of some body that has none of the shapes to these, for a sensor as described."""
+
+    def log_strangers(self, one: DoubtedEvidence) -> Floats:
+        """Log p(touches | component, some body), on the scale of :attr:`SensorEvidence.log_ratios`, ``(C,)``."""
+
 
 @dataclass(frozen=True, eq=False)
 class DoubtedSensorModel(OfNominal, ArrayModel):
@@ -129,12 +135,16 @@ class DoubtedSensorModel(OfNominal, ArrayModel):
         words = "as before" if in_doubt else AS_DESCRIBED
         return DoubtedHealth(bets, in_doubt, unexplained, told, words)
 
-    def over_objects(self, evidence: Sequence[DoubtedEvidence], log_bets: ArrayLike) -> tuple[Floats, DoubtedHealth]:
+    def over_objects(
+        self, evidence: Sequence[DoubtedEvidence], log_bets: ArrayLike, log_odds: float | None = None
+    ) -> tuple[Floats, DoubtedHealth]:
         """Log likelihoods of the shapes of n touched objects, ``(n, K)``, each given all others, and the health.
 
         Args:
             evidence: about each object, in the order of their first touches.
             log_bets: of the session before these objects (:attr:`DoubtedHealth.log_bets`), or zeros.
+            log_odds: prior log odds that an object has none of the shapes; None if that is impossible. If not, the
+                health says how likely that makes the touches (:attr:`DoubtedHealth.log_unlisted`).
         """
         bets, was_doubted, before, told = self._apart(log_bets)
         likely = np.stack([one.nominal.log_likelihood for one in evidence])
@@ -144,16 +154,38 @@ class DoubtedSensorModel(OfNominal, ArrayModel):
             have_images and (was_doubted or self.doubts.are_odd(evidence, known.log_conflict))
         )
         if not is_doubted:
-            return likely, known
-        found, health = self.states.over_objects([one.inferred for one in evidence], told)
+            return likely, known if log_odds is None else replace(known, log_unlisted=self._log_unlisted(evidence))
+        inferred, strange = [one.inferred for one in evidence], None
+        if log_odds is not None and have_images:
+            strange = np.stack([self.doubts.log_strangers(one) for one in evidence])
+        found, health = self.states.over_objects(inferred, told, strange, log_odds or 0.0)
         if not have_images:
-            return found, DoubtedHealth(bets, True, before, health.log_bets, str(health), tuple(evidence))
-        found, words, unexplained = self.doubts.explained(evidence, found, health)
+            log_unlisted = None if log_odds is None else self._log_unlisted(evidence)
+            return found, DoubtedHealth(bets, True, before, health.log_bets, str(health), tuple(evidence), log_unlisted)
+        number = likely.shape[1]
+        listed = found[:, :number]
+        explained, words, unexplained = self.doubts.explained(evidence, listed, health)
         unexplained += before
         odds = unexplained + np.log(UNEXPLAINED) - np.log1p(-UNEXPLAINED)
-        found = found - np.logaddexp.reduce(found, axis=1, keepdims=True) + np.log(found.shape[1])
-        mixed = np.logaddexp(found, odds) - np.logaddexp(0.0, odds)
-        return mixed, DoubtedHealth(bets, True, unexplained, health.log_bets, words, tuple(evidence))
+        means, best = (np.logaddexp.reduce(one, axis=1, keepdims=True) - np.log(number) for one in (listed, explained))
+        mixed = np.logaddexp(explained - best, odds) - np.logaddexp(0.0, odds)
+        known = DoubtedHealth(bets, True, unexplained, health.log_bets, words, tuple(evidence))
+        if strange is None:
+            return mixed, known
+        others = found[:, number] - np.maximum(means, best)[:, 0]
+        return mixed, replace(known, log_unlisted=np.logaddexp(others, odds) - np.logaddexp(0.0, odds))
+
+    def _log_unlisted(self, evidence: Sequence[DoubtedEvidence]) -> Floats:
+        """Log p(touches | none of the shapes) for a sensor as described, on the nominal scale, ``(n,)``.
+
+        Two likelihood ratios are averaged: the bets of the nominal model, and what the doubts say of random bodies.
+        """
+        found = []
+        for one in evidence:
+            listed = float(np.logaddexp.reduce(one.log_likelihood)) - np.log(len(one.log_likelihood))
+            bets, bodies = one.log_unlisted, self.doubts.log_stranger(one) if one.has_images else -np.inf
+            found.append(np.logaddexp(bets, listed + bodies) - np.log(2.0))
+        return np.array(found)
 
     @property
     def _is_open(self) -> bool:
@@ -243,6 +275,11 @@ class DoubtedEvidence(BesideNominal):
         return self.nominal.log_bets
 
     @property
+    def log_unlisted(self) -> float:
+        """As the nominal model weighs it; :meth:`DoubtedSensorModel.over_objects` asks the doubts as well."""
+        return getattr(self.nominal, "log_unlisted", -np.inf)
+
+    @property
     def has_sleepers(self) -> bool:
         """See :class:`~belief.observation_model.sensor_health.SensorEvidence`; no state ever sleeps."""
         return False
@@ -263,6 +300,8 @@ class DoubtedHealth:
         told: log bets of the states (:attr:`SensorHealth.log_bets`), zeros before any doubt.
         words: the likeliest states.
         evidence: about the objects of the search.
+        log_unlisted: log p(touches | none of the shapes) of each of them, on the scale of the log likelihoods of the
+            shapes, ``(n,)``; None where that was not asked.
     """
 
     earlier_bets: Floats
@@ -271,6 +310,7 @@ class DoubtedHealth:
     told: Floats
     words: str
     evidence: tuple[DoubtedEvidence, ...] = ()
+    log_unlisted: Floats | None = None
     is_clear: ClassVar[bool] = True
 
     @property

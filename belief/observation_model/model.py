@@ -65,7 +65,9 @@ class ObservationModel(Protocol):
 class CouplesObjects(Protocol):
     """An observation model in which touches of one object tell about the sensor that touches all.
 
-    See :class:`~belief.observation_model.sensor_health.SensorHealthModel`, whose methods these are.
+    See :class:`~belief.observation_model.sensor_health.SensorHealthModel`, whose methods these are. Where its evidence
+    also weighs strangers, ``over_objects`` takes their log odds as well
+    (:meth:`~belief.observation_model.doubted_sensor.DoubtedSensorModel.over_objects`).
     """
 
     def health(self, log_bets: ArrayLike = 0.0, is_clear: bool = True) -> Any:

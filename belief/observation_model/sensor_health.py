@@ -181,7 +181,13 @@ class SensorHealthModel(OfNominal, ArrayModel):
         labels = (AS_DESCRIBED, *self.world_labels, UNKNOWN)
         return SensorHealth(labels, self.log_prior, frozen(log_ratios), int(given[-1]), is_clear)
 
-    def over_objects(self, evidence: Sequence[SensorEvidence], log_bets: ArrayLike) -> tuple[Floats, SensorHealth]:
+    def over_objects(
+        self,
+        evidence: Sequence[SensorEvidence],
+        log_bets: ArrayLike,
+        strange: Floats | None = None,
+        log_odds: float = 0.0,
+    ) -> tuple[Floats, SensorHealth]:
         """Log likelihoods of the shapes of n touched objects, each given all others, and the sensor's health.
 
         The forward and backward recursions of a hidden Markov chain.
@@ -189,20 +195,29 @@ class SensorHealthModel(OfNominal, ArrayModel):
         Args:
             evidence: about each object, in the order of their first touches.
             log_bets: log bets of the session before these objects (:attr:`SensorHealth.log_bets`), or zeros.
+            strange: log p(touches | component, some body that has none of the shapes) of each object, ``(n, C)``, on
+                the scale of :attr:`SensorEvidence.log_ratios`; None where objects have a shape.
+            log_odds: prior log odds that an object has none of the shapes.
 
         Returns:
-            ``(n, K)``, each row up to a constant; and the health after the last object.
+            ``(n, K)``, each row up to a constant, with one more column of strangers if they are given; and the health
+            after the last object.
         """
         earlier, told = self.health(log_bets), [one.log_bets for one in evidence]
+        ratios = [one.log_ratios for one in evidence]
+        if strange is not None:
+            told = [np.logaddexp(bets, log_odds + row) for bets, row in zip(told, strange, strict=True)]
+            ratios = [np.column_stack(both) for both in zip(ratios, strange, strict=True)]
         known, before = earlier.log_ratios, []
         for tells in told:
             before.append(self._forgetful(known))
             known = before[-1] + tells
-        after, found, is_clear = np.zeros(len(self.prior)), np.empty((len(told), len(self.shape_labels))), True
+        after, is_clear = np.zeros(len(self.prior)), True
+        found = np.empty((len(told), len(self.shape_labels) + (strange is not None)))
         for place in range(len(told))[::-1]:
             weights = self.log_prior + before[place] + after
             weights = weights - weights.max()
-            found[place] = np.logaddexp.reduce(weights[:, None] + evidence[place].log_ratios, axis=0)
+            found[place] = np.logaddexp.reduce(weights[:, None] + ratios[place], axis=0)
             weights = weights + told[place]
             is_clear &= bool(np.exp(weights - weights.max()).sum() * SURE <= 1.0)
             after = self._forgetful(after + told[place])

@@ -16,13 +16,14 @@ import numpy as np
 
 from activetouch.errors import MeshWarning
 from activetouch.named_scenes import SCENES, NamedScene
+from activetouch.sensor.searching import UNLISTED_SHARE
 from belief.errors import InvalidArgument
 from belief.files import ends_claims
 from belief.table import Table
 from belief.validation import require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
-from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, result_of, solids_of
+from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, result_of, solids_of
 from experiments.meshes.setting import SIZES, model_of, pad_of, plan_of, sensor_of
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import Comparison, played, prepared

@@ -15,6 +15,7 @@ import tyro
 
 from activetouch import TactileSensor
 from activetouch.mesh_source import labelled_sources, warn_of_files
+from activetouch.sensor.searching import UNLISTED_SHARE
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
@@ -40,8 +41,6 @@ from experiments.scene_choice import SceneChoice
 
 Bodies: TypeAlias = Path | str | Sequence[Path | str] | Mapping[str, Shape]
 """A folder of mesh files, mesh files, or solids by label."""
-UNLISTED_SHARE = 0.05
-"""Usual prior probability that an object is none of the bodies."""
 _MOST_TWINS = 20  # that are printed
 RESULTS = ("wrong", "unsure", NONE_OF_THESE, "right")
 """What becomes of an object or a search; what needs a look comes first."""

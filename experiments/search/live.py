@@ -381,8 +381,8 @@ class Live:
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     unlisted: Probability | None = None
-    """Prior probability that an object has none of the shapes, such as 0.05; the sensor is then taken as described.
-    By default 0; 0.15 where one of many meshes is named."""
+    """Prior probability that an object has none of the shapes. By default 0 with --target, and 0.05 without; 0.15 where
+    one of many meshes is named."""
     prior: str | None = None
     """Probabilities of shapes before the first touch, as a camera sees them: mug=.7,bowl=.3 for all objects, or a CSV
     file with columns object, shape and prob. They may be wrong, so they count less than touches."""
@@ -535,4 +535,4 @@ class Live:
             choice = replace(choice, scene=of_scene)
         nested = True if self.observation_model == "nested" else None
         options = doubts(self.as_described, self.unknown_state, self.doubted_state, self.other_proportions)
-        return open_sensor(given, choice, self.anyway, nested=nested, strangers=bool(self.unlisted), **options)
+        return open_sensor(given, choice, self.anyway, nested=nested, **options)

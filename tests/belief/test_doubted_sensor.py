@@ -1,11 +1,13 @@
 """A sensor whose description is doubted: nothing changes without a reason, and in doubt other states are asked."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from belief import SceneBelief, SearchProblem, Touch
+from belief.conflict import ConflictTest
 from belief.errors import InvalidArgument
 from belief.observation_model import (
     FixedHypotheses,
@@ -48,6 +50,12 @@ class Doubting:
 
     def explained(self, objects, log_likelihoods, health):
         return Explanation(log_likelihoods, str(health), self.log_unexplained)
+
+    def log_stranger(self, one):
+        return 1.5 * len(one.touches)
+
+    def log_strangers(self, one):
+        return np.array([1.0, -0.5, 0.0]) * len(one.touches) - one.inferred.nominal.constant
 
 
 def touched(model, touches, log_bets=0.0):
@@ -118,6 +126,53 @@ def test_what_no_state_explains_tells_nothing_about_the_shapes():
     assert str(scene.sensor_health).startswith("none explains the touches; nearest")
     assert scene.sensor_health.probs[1] > 0.99
     assert scene.log_bets[2] <= 4.0  # the next search may find an explanation
+
+
+def mixed(rows, prior):
+    """p(shape or none) of one object, of log likelihoods ``(..., K + 1)`` whose last column is that of strangers."""
+    shares = np.append(np.full(2, (1.0 - prior) / 2), prior)
+    return np.exp(rows) * shares / (np.exp(rows) @ shares)[..., None]
+
+
+def test_a_stranger_is_weighed_beside_the_shapes_in_every_state(rng):
+    touches, prior = touches_of(rng, 4), 0.2
+    problem = SearchProblem(LABELS, ("front",), 2, "independent", unlisted=prior)
+    states = Doubting().states()
+    model = DoubtedSensorModel(states, Doubting(log_unexplained=-80.0))
+    scene = SceneBelief(problem, model)
+    scene.update(0, touches[:3])
+    scene.update(1, touches[3:])
+    # By hand: both objects in one state of the sensor, which is drawn anew with a small probability.
+    ratios = [states.start().updated(some).log_ratios for some in (touches[:3], touches[3:])]
+    numbers = [np.array([1.0, -0.5, 0.0]) * n for n in (3, 1)]
+    constants = [states.start().updated(some).nominal.constant for some in (touches[:3], touches[3:])]
+    rows = [np.column_stack([r, n - c]) for r, n, c in zip(ratios, numbers, constants, strict=True)]
+    shares = np.append(np.full(2, (1.0 - prior) / 2), prior)
+    told = [np.exp(one) @ shares for one in rows]
+    prob, kept = states.prior, 1.0 - states.forgetting
+    moves = kept * np.eye(3) + states.forgetting * prob
+    for place, weights in ((0, prob * (moves @ told[1])), (1, (prob * told[0]) @ moves)):
+        expected = weights @ np.exp(rows[place]) * shares
+        found = scene.belief(place)
+        np.testing.assert_allclose(np.append(found.probs, found.unlisted), expected / expected.sum(), rtol=1e-9)
+    assert scene.sensor_health.log_unexplained == -80.0
+
+
+def test_without_doubt_bets_and_random_bodies_are_averaged(rng):
+    touches = touches_of(rng, 3)
+    usual = ConflictTest.fit(rng.normal(size=(100, 4, 2)), rng.normal(size=(100, 4)), np.arange(100) % 2)
+    problem = SearchProblem(LABELS, ("front",), 1, "independent", unlisted=0.2)
+    tested = replace(nominal(), conflict=usual)
+    scene = SceneBelief(problem, DoubtedSensorModel(tested, Doubting(is_odd=False)))
+    scene.update(0, touches)
+    evidence = tested.start()
+    for touch in touches:
+        evidence = evidence.update(touch)
+    mean = np.logaddexp.reduce(evidence.log_likelihood) - np.log(2)
+    strange = np.log((np.exp(evidence.log_unlisted) + np.exp(mean + 4.5)) / 2)
+    expected = mixed(np.append(evidence.log_likelihood, strange), 0.2)
+    np.testing.assert_allclose(np.append(scene.belief(0).probs, scene.belief(0).unlisted), expected, rtol=1e-9)
+    assert str(scene.sensor_health) == "as described"
 
 
 def test_the_order_of_updates_and_another_process_change_nothing(rng):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from activetouch import SCENES, TactileSensor
+from activetouch import SCENES, TactileSensor, TouchWorld
 from activetouch.perception.contacts.images import binned, images
 from activetouch.perception.imaging import SensorState, imaging_of, sensor_state
 from activetouch.perception.pressed_beliefs import Residuals, images_of, oddness
@@ -16,6 +16,7 @@ from activetouch.rendering import StuckTaxels
 from activetouch.sensor_files import MODELS
 from belief import SceneBelief
 from belief.errors import InvalidArgument
+from belief.naming import UNLISTED
 from experiments.robustness.conditions import CONDITIONS
 from experiments.sensor_choice import asked_state
 
@@ -70,6 +71,21 @@ def test_a_sensor_doubts_its_description_only_where_something_is_the_matter():
         asked[scene is stuck] = doubts.are_odd(objects, 0.0)
     assert asked == {False: False, True: True}
     assert doubts.are_odd(objects[:0], 5.0)  # the conflict test alone
+
+
+@pytest.mark.mujoco
+def test_random_bodies_explain_a_stranger_better_than_the_shapes_and_no_listed_object():
+    sensor, ratios = TactileSensor.shipped("gel", unknown_state=None, other_proportions=True), {}
+    for shape in (UNLISTED, 0, 1, 2, 3):
+        found = []
+        for seed in range(4):
+            rng = np.random.default_rng([seed, 7])
+            world = TouchWorld.sample(sensor, [shape], rng)
+            evidence = sensor.model.start().updated([world.touch(pose, rng) for pose in (0, 2)])
+            found.append(sensor.model.doubts.log_stranger(evidence))
+        ratios[shape] = np.median(found)
+    assert ratios.pop(UNLISTED) > 0.0
+    assert max(ratios.values()) < -3.0
 
 
 @pytest.mark.mujoco
