@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
+from activetouch.recorded.odd_sessions import odd_sessions
 from activetouch.recorded.reader import LinearDiscriminants, label_logits, learn
 from activetouch.recorded.touches import TASKS, RecordedTouches, Split, splits_of
 from belief.naming import few
@@ -17,6 +18,7 @@ _OBJECTS = 3  # objects of a category or shape: to learn from, to calibrate on a
 _CONTROL, _SINGLE = 0.5, 0.75  # shares of what all features tell beyond a guess, from which a warning is due
 _UNLIKE, _STEADY = 3.0, 0.1  # factor on what nine of ten features tell; variance within objects, of that between them
 _CHANCE = 4.0  # standard errors above a guess, so that the best of many features is no warning by chance
+_GUESSED = 2.0  # standard errors above a guess, below which all features tell nothing
 _SHOWN = 3  # single features
 
 
@@ -24,9 +26,9 @@ _SHOWN = 3  # single features
 class Leaks:
     """Accuracy of one held-out touch: by a guess, all features, each control, and each feature alone, ``(F,)``.
 
-    ``within (F,)`` is the variance of features within objects as a share of that between them. ``least`` are three
-    limits: the accuracies from which a control, and a single feature, tell too much; and the one from which a feature
-    that hardly varies within objects is suspicious.
+    ``within (F,)`` is the variance of features within objects as a share of that between them. ``least`` are four
+    limits: the accuracies from which a control, and a single feature, tell too much; the one from which a feature that
+    hardly varies within objects is suspicious; and the one from which all features tell more than a guess.
     """
 
     task: str
@@ -55,10 +57,11 @@ class Leaks:
                 single += _right_alone(touches, here, split.test[actions == action])
         guess = float(seen.max() / number)
         groups = {name: count / number for name, count in right.items()}
-        by_chance = _CHANCE * float(np.sqrt(guess * (1.0 - guess) / number))
+        error = float(np.sqrt(guess * (1.0 - guess) / number))
         single, gain = single / number, groups["all features"] - guess
         unlike = _UNLIKE * (float(np.quantile(single, 0.9)) - guess)
-        least = tuple(guess + max(share, by_chance) for share in (_CONTROL * gain, _SINGLE * gain, unlike))
+        gains = [max(share, _CHANCE * error) for share in (_CONTROL * gain, _SINGLE * gain, unlike)]
+        least = tuple(guess + share for share in (*gains, _GUESSED * error))
         names = touches.feature_names or tuple(f"feature {i}" for i in range(len(single)))
         return cls(touches.task, guess, least, groups, single, _within(touches), names)
 
@@ -72,6 +75,11 @@ class Leaks:
             f"One touch names one of the {self.task} rightly in: {', '.join(told)}, a guess {self.guess:.3f}{lacking}. "
             f"The best single features alone: {alone}."
         )
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether all features tell no more than a guess, in enough touches to show it."""
+        return self.groups["all features"] < self.least[3] <= 1.0
 
     def warnings(self) -> tuple[str, ...]:
         """Sentences about controls and single features that tell much of what all features tell."""
@@ -165,7 +173,15 @@ def check_recorded(touches: RecordedTouches) -> tuple[str, ...]:
         remarks.append(
             f"{copies} touches have exactly the features of an earlier touch; copies leak from training into tests"
         )
-    return (*remarks, *suspicious_features(touches), *Leaks.of(touches, splits_of(touches, 5)).warnings())
+    remarks += [*suspicious_features(touches), *odd_sessions(touches)]
+    leaks = Leaks.of(touches, splits_of(touches, 5))
+    if leaks.is_guess:
+        remarks.append(
+            f"one held-out touch names one of the {touches.task} in {leaks.groups['all features']:.3f}, a guess in "
+            f"{leaks.guess:.3f}: discriminants find nothing in these features. Check that they belong to the objects "
+            "of their rows, and record more sessions"
+        )
+    return (*remarks, *leaks.warnings())
 
 
 def without_incomplete(touches: RecordedTouches) -> tuple[RecordedTouches, tuple[str, ...]]:

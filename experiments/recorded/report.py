@@ -45,7 +45,7 @@ class RecordedReport(Reported):
     def verdict(self) -> list[str]:
         """Sentences that say what was found."""
         warnings = [f"{text[0].upper()}{text[1:]}." for text in self.leaks.warnings()]
-        sentences = [*warnings, *trust(self.named), *self._best(), self.leaks.summary()]
+        sentences = [*self._guess(), *warnings, *trust(self.named), *self._best(), self.leaks.summary()]
         order = [name for name in (GAIN, RANDOM, FIXED) if name in self.deciders()]
         shares = {name: self._mean(name, lambda one: one.is_certain) for name in order}
         task, goal = self.facts["task"], f"probability {self.facts['threshold']:g}"
@@ -75,6 +75,18 @@ class RecordedReport(Reported):
                 f"split has fewer than {self.facts['objects']} {task}."
             )
         return sentences
+
+    def _guess(self) -> list[str]:
+        """A sentence where neither one touch nor all of an identification show more than a guess."""
+        shares, objects = by_object(self.named, lambda one: one.is_right)
+        right, low, high = accuracy_of_objects(shares, objects, np.random.default_rng(0))
+        guess = 1.0 / self.facts["labels"]
+        if low > guess or not self.leaks.is_guess:
+            return []
+        return [
+            f"Do not trust these probabilities: {interval(right, low, high)} of the names are right, a guess is in "
+            f"{guess:.3f}: no better than guessing."
+        ]
 
     def _best(self) -> list[str]:
         """Sentences that name the best decider of identifications and of searches."""
@@ -183,10 +195,11 @@ def trust(named: Sequence[Named]) -> list[str]:
     (right, low, high), stated = accuracy_of_objects(known, objects, np.random.default_rng(0)), float(said.mean())
     word = "are lower than what is right" if stated < low else "agree with what is right"
     if is_weak := stated > min(high, low + _WIDE):
-        word = "are too high here" if stated > high else "cannot be judged by so few objects"
+        word = "cannot be judged by so few objects"
     of = " of random order and information gain" * any(one.decider == GAIN for one in named)
+    doubt = "Do not trust these probabilities, which are too high" if stated > high else f"Stated probabilities {word}"
     return [
-        f"Stated probabilities {word}: {len(stops)} stops{of} at {len(np.unique(objects))} objects state {stated:.3f} "
+        f"{doubt}: {len(stops)} stops{of} at {len(np.unique(objects))} objects state {stated:.3f} "
         f"and are right in {interval(right, low, high)}{'; record more sessions or objects' * is_weak}."
     ]
 
