@@ -301,6 +301,49 @@ class ObjectConflict:
         return ObjectConflict(test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets))
 
 
+@dataclass(frozen=True, eq=False)
+class SimulatedTouches(FrozenArrays):
+    """Tests that a touch is like simulated ones, by the distance of its embedding to the nearest of them.
+
+    ``embeddings (B, D)`` are of the simulated touches, B ≥ 2; ``distances (B,)``, increasing, of each to the nearest
+    other.
+
+    >>> known = SimulatedTouches.of(np.random.default_rng(0).normal(size=(500, 3)))
+    >>> [round(known.e_value(np.full(3, place)), 1) for place in (0.0, 9.0)]
+    [0.6, 13.7]
+    """
+
+    embeddings: NDArray[np.float32]
+    distances: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, embeddings: NDArray[np.floating]) -> SimulatedTouches:
+        """Of the embeddings ``(B, D)`` of simulated touches."""
+        found = cls(np.asarray(embeddings, np.float32), np.zeros(len(embeddings), np.float32))
+        nearest = np.empty(len(embeddings), np.float32)
+        for place, one in enumerate(found.embeddings):
+            away = found._to_each(one)
+            away[place] = np.inf
+            nearest[place] = away.min()
+        return replace(found, distances=np.sort(nearest))
+
+    def e_value(self, embedding: Floats) -> float:
+        """E-value of ``embedding (D,)`` against "one more simulated touch": the mean of bets on a low p-value."""
+        number = len(self.distances)
+        farther = number - int(self.distances.searchsorted(self._to_each(embedding).min()))
+        log_p = log((1 + farther) / (number + 1))
+        return float(np.exp(_LOG_KEPT[NOVELTY, :3] - _POWERS[NOVELTY, :3] * log_p).mean())
+
+    def _to_each(self, embedding: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Squared distance of ``embedding (D,)`` to each simulated touch, ``(B,)``."""
+        one = np.asarray(embedding, np.float32)
+        return self._squares - 2.0 * (self.embeddings @ one) + one @ one
+
+    @cached_property
+    def _squares(self) -> NDArray[np.float32]:
+        return np.square(self.embeddings).sum(axis=1)
+
+
 def log_conflict(log_bets: Iterable[Floats]) -> float:
     """Log e-value of all touches of several objects: the mean over strategies of their wealth."""
     total = sum(log_bets, start=np.zeros(1))

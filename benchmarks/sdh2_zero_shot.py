@@ -6,13 +6,15 @@ Each grasp gives one touch: the frame of the largest total pressure, and in it t
 its centroid and drawn at the size of the simulated pad. Its forces are unknown, so it is scaled to the mean force of
 scene ``gel``. Hypotheses are spheres and boxes of half to 1.75 times the size of the scene's, and cylinders of 0.5 to
 4 times the length. Nothing is fitted to real touches. Prints the share that is right and the stated probability, by
-object, and in how many grasps a session would answer: the stated probability is 0.95, and the conflict test is not
-suspicious (:class:`planners.abstaining.Abstaining`).
+object. Then, in how many sessions that name an object something is named, by a sensor as described, one that doubts
+its description, and one in an unknown state: the grasps of the object come in random order, and whatever pose is asked
+for, as its pose is not known.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,11 +25,10 @@ from activetouch import SCENES, Scene, TactileSensor
 from activetouch.distributions import Uniform
 from activetouch.shapes import Box, Cylinder, Sphere
 from activetouch.solids.family import Family
-from belief.conflict import log_conflict
+from belief import Confirm, Probe
 from belief.statistics import wilson_interval
 from benchmarks.recorded_sets.dsa import read_dsa
 from benchmarks.recorded_sets.sdh2 import SHAPES
-from planners.abstaining import Abstaining
 
 TAXEL = 3.4e-3
 """Edge of a taxel of the real pads [m]."""
@@ -65,12 +66,14 @@ def main() -> None:
     """Read all grasps and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    folder, scene = parser.parse_args().folder, real_scene()
+    parser.add_argument("--sessions", type=int, default=3, help="of each object and sensor")
+    given = parser.parse_args()
+    folder, scene = given.folder, real_scene()
     top = folder / "grasps" if (folder / "grasps").is_dir() else folder
     sensor = TactileSensor.shipped("gel", scene)
     hits: list[bool] = []
     stated: list[float] = []
-    conflicts: list[float] = []
+    grasps: list[tuple[str, np.ndarray]] = []
     for shape, names in SHAPES.items():
         for name in names:
             found = [image_of(path, scene) for path in sorted((top / name).glob("*.dsa"))]
@@ -80,18 +83,35 @@ def main() -> None:
             touches = sensor.read(np.stack(images), [0] * len(images))
             evidence = [sensor.model.start().update(touch) for touch in touches]
             posteriors = softmax([one.log_likelihood for one in evidence], axis=1)
-            conflicts += [log_conflict([one.log_bets]) for one in evidence]
+            grasps.append((shape, np.stack(images)))
             right = posteriors.argmax(axis=1) == list(scene.shapes).index(shape)
             hits += right.tolist()
             stated += posteriors.max(axis=1).tolist()
             print(f"  {shape:8} {name:24} {len(images):3} grasps, right {right.mean():.3f}")
-    is_sure = np.array(stated) >= Abstaining.promise
-    is_answered = is_sure & (np.array(conflicts) < np.log(Abstaining.suspicion))
-    print(
-        f"of these, {is_sure.mean():.3f} state {Abstaining.promise}, {is_answered.mean():.3f} are answered by a session"
-    )
     low, high = wilson_interval(sum(hits), len(hits))
     print(f"{len(hits)} grasps: right {np.mean(hits):.3f} [{low:.3f}, {high:.3f}], stated {np.mean(stated):.3f}")
+    for name, state in {"as described": False, "in doubt": None, "unknown state": True}.items():
+        named(name, TactileSensor.shipped("gel", scene, unknown_state=state), grasps, given.sessions)
+
+
+def named(name: str, sensor: TactileSensor, grasps: Sequence[tuple[str, np.ndarray]], number: int) -> None:
+    """Print how many sessions about objects with these shapes and images name something, and how many rightly."""
+    stops, touches, larger = [], [], sensor.scene.image_shape[0] // PIXELS
+    for place, (shape, images) in enumerate(grasps):
+        for seed in range(number):
+            session, order = sensor.naming(seed=seed), np.random.default_rng([place, seed]).permutation(len(images))
+            while isinstance(session.ask(), Probe):
+                image = images[order[session.step % len(order)]]
+                session.tell(image=np.kron(image, np.ones((larger, larger), np.uint8)))
+            touches.append(session.step)
+            if isinstance(session.ask(), Confirm):
+                stops.append((session.stated, session.answer == shape))
+    stated, right = np.array(stops or [(np.nan, np.nan)]).mean(axis=0)
+    print(
+        f"{name:13} {len(stops)} of {len(touches)} sessions name something, after {np.mean(touches):.2f} touches; "
+        f"stated {stated:.3f}, right {right:.3f}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -50,7 +50,13 @@ class PressedBeliefs:
     width: float
 
     def pressed(
-        self, shape: int, chosen: NDArray[np.int64], pose: int, state: SensorState, rng: np.random.Generator
+        self,
+        shape: int,
+        chosen: NDArray[np.int64],
+        pose: int,
+        state: SensorState,
+        rng: np.random.Generator,
+        edge: int = _EDGE,
     ) -> Floats32:
         """Images of ``chosen (M,)`` hypotheses of a shape in a pose, ``(M, e, e)``; ``state`` has arrays ``(1, ...)``.
 
@@ -69,7 +75,7 @@ class PressedBeliefs:
             rows = members == member
             surface, pixel = solids[member].surface, window.edge / window.num_pixels
             maps[rows] = heights(surface, axes[rows], places[rows], pixel, window.num_pixels, np.float32)
-        return images_of(imaging, maps, state, rng)
+        return images_of(imaging, maps, state, rng, edge)
 
 
 def compared(images: NDArray[np.uint8], edge: int = _EDGE) -> Floats32:
@@ -128,12 +134,17 @@ def oddness(objects: Sequence[Residuals]) -> float:
     return float(max(both))
 
 
-def images_of(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator) -> Floats32:
-    """As :func:`activetouch.perception.contacts.images.images` in one state, of few pixels, without torch."""
+def images_of(
+    imaging: Imaging, reached: Floats32, state: SensorState, rng: np.random.Generator, edge: int = _EDGE
+) -> Floats32:
+    """As :func:`activetouch.perception.contacts.images.images` in one state, without torch, of ``edge`` pixels at most.
+
+    ``(n, e, e)``, relative to full scale.
+    """
     number, samples = len(reached), imaging.samples
     force = rng.uniform(*imaging.force, number)
     if imaging.described is not None:
-        return _of_taxels(imaging, reached, force, state, rng)
+        return _of_taxels(imaging, reached, force, state, rng, edge)
     seen = pressures(imaging, reached, force, state)
     rows, columns = np.round(state.shift[0] * samples).astype(int)
     if rows or columns:
@@ -154,11 +165,11 @@ def images_of(imaging: Imaging, reached: Floats32, state: SensorState, rng: np.r
     dead, stuck = (regridded(cells, shown)[0] for cells in (state.dead, state.stuck))
     if imaging.dead is not None:
         dead = np.minimum(dead + binned(imaging.dead[None].astype(np.float32), shown)[0], 1.0)
-    return binned(noisy * (1.0 - dead) * (1.0 - stuck) + stuck, min(_EDGE, shown)).astype(np.float32)
+    return binned(noisy * (1.0 - dead) * (1.0 - stuck) + stuck, min(edge, shown)).astype(np.float32)
 
 
 def _of_taxels(
-    imaging: Imaging, reached: Floats32, force: Floats, state: SensorState, rng: np.random.Generator
+    imaging: Imaging, reached: Floats32, force: Floats, state: SensorState, rng: np.random.Generator, edge: int
 ) -> Floats32:
     """:func:`images_of` the taxels of a described pad."""
     from activetouch.perception.described_pads import from_state, images_of_taxels  # other pads do not need it
@@ -167,7 +178,7 @@ def _of_taxels(
     seen = pressures(imaging, reached + pad.taxels.face(imaging.samples).astype(np.float32), force, state)
     numbers = {name: np.repeat(value, len(reached)) for name, value in from_state(pad, state).items()}
     shown = images_of_taxels(pad, seen * (imaging.pad.stiffness * imaging.pad.max_depth / pad.full_scale), numbers, rng)
-    return binned(shown, min(_EDGE, pad.taxels.raster)).astype(np.float32)
+    return binned(shown, min(edge, pad.taxels.raster)).astype(np.float32)
 
 
 def pressures(imaging: Imaging, reached: Floats32, force: Floats, state: SensorState) -> Floats32:

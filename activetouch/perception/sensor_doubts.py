@@ -395,7 +395,9 @@ class SensorDoubts:
         if not path:
             return None
         worlds = EmbeddedWorlds(self._hypotheses, self.scene, _joined(*path))
-        model = SensorHealthModel(self.states().nominal, worlds, tuple(names), spread_prior(len(names)))
+        known = self.states()
+        prior = spread_prior(len(names))
+        model = SensorHealthModel(known.nominal, worlds, tuple(names), prior, simulated=known.simulated)
         return _Composed(model, _joined(self.described, *path))
 
     def _maps(self, pose: int) -> Floats32:

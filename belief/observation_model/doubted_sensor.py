@@ -158,18 +158,19 @@ class DoubtedSensorModel(OfNominal, ArrayModel):
         inferred, strange = [one.inferred for one in evidence], None
         if log_odds is not None and have_images:
             strange = np.stack([self.doubts.log_strangers(one) for one in evidence])
-        found, health = self.states.over_objects(inferred, told, strange, log_odds or 0.0)
+        found, health = self.states.over_objects(inferred, told, strange, log_odds)
         if not have_images:
-            log_unlisted = None if log_odds is None else self._log_unlisted(evidence)
-            return found, DoubtedHealth(bets, True, before, health.log_bets, str(health), tuple(evidence), log_unlisted)
-        number = likely.shape[1]
+            words, log_unlisted = str(health), None if log_odds is None else self._log_unlisted(evidence)
+            tells = bets, True, before, health.log_bets, words, tuple(evidence), health.log_conflict
+            return found, DoubtedHealth(*tells, log_unlisted)
+        number, log_strange = likely.shape[1], health.log_conflict
         listed = found[:, :number]
         explained, words, unexplained = self.doubts.explained(evidence, listed, health)
         unexplained += before
         odds = unexplained + np.log(UNEXPLAINED) - np.log1p(-UNEXPLAINED)
         means, best = (np.logaddexp.reduce(one, axis=1, keepdims=True) - np.log(number) for one in (listed, explained))
         mixed = np.logaddexp(explained - best, odds) - np.logaddexp(0.0, odds)
-        known = DoubtedHealth(bets, True, unexplained, health.log_bets, words, tuple(evidence))
+        known = DoubtedHealth(bets, True, unexplained, health.log_bets, words, tuple(evidence), log_strange)
         if strange is None:
             return mixed, known
         others = found[:, number] - np.maximum(means, best)[:, 0]
@@ -300,6 +301,7 @@ class DoubtedHealth:
         told: log bets of the states (:attr:`SensorHealth.log_bets`), zeros before any doubt.
         words: the likeliest states.
         evidence: about the objects of the search.
+        log_strange: log Bayes factor of the states' component that knows nothing (:attr:`SensorHealth.log_conflict`).
         log_unlisted: log p(touches | none of the shapes) of each of them, on the scale of the log likelihoods of the
             shapes, ``(n,)``; None where that was not asked.
     """
@@ -310,6 +312,7 @@ class DoubtedHealth:
     told: Floats
     words: str
     evidence: tuple[DoubtedEvidence, ...] = ()
+    log_strange: float = 0.0
     log_unlisted: Floats | None = None
     is_clear: ClassVar[bool] = True
 
@@ -321,7 +324,7 @@ class DoubtedHealth:
     @property
     def probs(self) -> Floats:
         """Probability of all states together, and that none explains the touches, ``(2,)``; without doubt, 1 and 0."""
-        odds = self.log_unexplained + np.log(UNEXPLAINED) - np.log1p(-UNEXPLAINED)
+        odds = self.log_conflict + np.log(UNEXPLAINED) - np.log1p(-UNEXPLAINED)
         return np.exp(-np.logaddexp(0.0, [odds, -odds])) if self.in_doubt else np.array([1.0, 0.0])
 
     @cached_property
@@ -339,13 +342,14 @@ class DoubtedHealth:
     def log_conflict(self) -> float:
         """Without doubt, that of the conflict test; in doubt, the log Bayes factor that no state explains the touches.
 
-        A conflict with the sensor as described is the reason of a doubt, and explained by another state.
+        The latter is the larger one of presses of what is believed, and of how strange the touches are in all states. A
+        conflict with the sensor as described is the reason of a doubt, and explained by another state.
         """
-        return self.log_unexplained if self.in_doubt else log_conflict([self._bets])
+        return max(self.log_unexplained, self.log_strange) if self.in_doubt else log_conflict([self._bets])
 
     def __str__(self) -> str:
         """The likeliest states of the sensor."""
         if not self.in_doubt or self.words == AS_DESCRIBED:
             return self.words
-        odds = self.log_unexplained + np.log(UNEXPLAINED)
+        odds = self.log_conflict + np.log(UNEXPLAINED)
         return f"{'none explains the touches; ' if odds > 0.0 else ''}nearest of the listed states: {self.words}"

@@ -3,8 +3,10 @@ r"""The health of the sensor as a latent variable of the session, which is infer
     p(o_1.. of all objects | k, w) = ∏_objects j  mean_i ∏_t p(o_t | k_j, R_i, s_i, pose_t, w_j)
 
 A *world* w of the sensor is a way in which it may differ from its description: stiffer, noisier, with a stuck taxel.
-The components of the mixture are the sensor as described, W worlds, and one that knows nothing: under it every touch of
-every shape has the log ratio zero. They compare directly, because all ratios log p(o | c, w) / p(o) share p(o).
+The components of the mixture are the sensor as described, W worlds, and one that knows nothing, under which all shapes
+are alike. They compare directly, because all ratios log p(o | c, w) / p(o) share p(o). Under the one that knows nothing
+every touch has the log ratio zero; or, where touches were simulated in all worlds, the other components' evidence times
+the mean e-value of the object's touches against being like one of these (:class:`belief.conflict.SimulatedTouches`).
 
 The component stays from object to object, except that before each object it is drawn anew from the prior with a small
 probability (``forgetting``): sensors change. So the posterior over components is that of a hidden Markov chain over
@@ -41,6 +43,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.conflict import SimulatedTouches
 from belief.frozen import frozen
 from belief.naming import checked_names
 from belief.observation_model.embedded_hypotheses import require_table, scaled
@@ -79,6 +82,7 @@ class SensorHealthModel(OfNominal, ArrayModel):
         world_labels: names of the W worlds; W may be 0.
         prior: probabilities of the components nominal, worlds, unknown, ``(1 + W + 1,)``; see :func:`spread_prior`.
         forgetting: probability that the component is drawn anew before an object, in [0, 1].
+        simulated: touches in all worlds, beside which a touch may be strange; None for a log ratio of zero.
 
     Raises:
         ValueError: names that are not different; a prior that is no distribution over the components, or gives all to
@@ -90,6 +94,7 @@ class SensorHealthModel(OfNominal, ArrayModel):
     world_labels: tuple[str, ...]
     prior: Floats
     forgetting: float = 0.02
+    simulated: SimulatedTouches | None = None
 
     def __post_init__(self) -> None:
         self.to_floats("prior")
@@ -186,7 +191,7 @@ class SensorHealthModel(OfNominal, ArrayModel):
         evidence: Sequence[SensorEvidence],
         log_bets: ArrayLike,
         strange: Floats | None = None,
-        log_odds: float = 0.0,
+        log_odds: float | None = None,
     ) -> tuple[Floats, SensorHealth]:
         """Log likelihoods of the shapes of n touched objects, each given all others, and the sensor's health.
 
@@ -197,21 +202,20 @@ class SensorHealthModel(OfNominal, ArrayModel):
             log_bets: log bets of the session before these objects (:attr:`SensorHealth.log_bets`), or zeros.
             strange: log p(touches | component, some body that has none of the shapes) of each object, ``(n, C)``, on
                 the scale of :attr:`SensorEvidence.log_ratios`; None where objects have a shape.
-            log_odds: prior log odds that an object has none of the shapes.
+            log_odds: prior log odds that an object has none of the shapes, with ``strange``.
 
         Returns:
             ``(n, K)``, each row up to a constant, with one more column of strangers if they are given; and the health
             after the last object.
         """
-        earlier, told = self.health(log_bets), [one.log_bets for one in evidence]
-        ratios = [one.log_ratios for one in evidence]
-        if strange is not None:
-            told = [np.logaddexp(bets, log_odds + row) for bets, row in zip(told, strange, strict=True)]
-            ratios = [np.column_stack(both) for both in zip(ratios, strange, strict=True)]
+        rows = [None] * len(evidence) if strange is None else strange
+        earlier, told, ratios = self.health(log_bets), list[Floats](), list[Floats]()
         known, before = earlier.log_ratios, []
-        for tells in told:
+        for one, row in zip(evidence, rows, strict=True):
             before.append(self._forgetful(known))
-            known = before[-1] + tells
+            ratios.append(one.log_ratios_after(before[-1], row, log_odds))
+            told.append(_log_bets(ratios[-1], None if row is None else log_odds))
+            known = before[-1] + told[-1]
         after, is_clear = np.zeros(len(self.prior)), True
         found = np.empty((len(told), len(self.shape_labels) + (strange is not None)))
         for place in range(len(told))[::-1]:
@@ -245,6 +249,7 @@ class SensorEvidence(BesideNominal):
 
     ``nominal`` is the evidence if the sensor is as described. ``log_weights (A, K, N')``, less ``constant``, are log
     p(all touches | world, hypothesis) for the A worlds ``awake``; ``sums`` are as in :class:`RigidBodyEvidence`.
+    ``strangeness`` is the sum of the touches' e-values against being like simulated ones.
     """
 
     model: SensorHealthModel
@@ -253,6 +258,7 @@ class SensorEvidence(BesideNominal):
     log_weights: Floats
     constant: float = 0.0
     sums: SumsByPlace = field(default_factory=dict)
+    strangeness: float = 0.0
 
     @property
     def has_sleepers(self) -> bool:
@@ -261,16 +267,18 @@ class SensorEvidence(BesideNominal):
 
     def update(self, touch: Touch) -> SensorEvidence:
         """The evidence with one more touch; costs (K N + A K N') D multiplications."""
-        nominal = self.nominal.update(touch)
+        nominal, body = self.nominal.update(touch), self.model._body
+        embedding, known = body.embedding_of(touch), self.model.simulated
+        strangeness = self.strangeness + (0.0 if known is None else known.e_value(embedding[0]))
         if not len(self.awake):
-            return replace(self, nominal=nominal)
-        body = self.model._body
-        scores = self.model.scores_of(touch, body.embedding_of(touch), self.awake)
+            return replace(self, nominal=nominal, strangeness=strangeness)
+        scores = self.model.scores_of(touch, embedding, self.awake)
         rates = body.correlation, body.drift
         sums, discounted = with_touch(self.sums, touch, scores, *rates)
         constant, total = (self.constant, self.log_weights + scores) if discounted is None else (0.0, discounted)
         log_weights, log_likelihoods, largest = relative(total)
-        found = SensorEvidence(self.model, nominal, self.awake, log_weights, constant + float(largest), sums)
+        constant += float(largest)
+        found = SensorEvidence(self.model, nominal, self.awake, log_weights, constant, sums, strangeness)
         found.__dict__["_log_means"] = log_likelihoods  # of these log weights
         return found
 
@@ -287,17 +295,46 @@ class SensorEvidence(BesideNominal):
         found[-1] = -self.nominal.constant
         return frozen(found)
 
+    def log_ratios_after(
+        self, known: Floats | float = 0.0, strange: Floats | None = None, log_odds: float | None = None
+    ) -> Floats:
+        """:attr:`log_ratios` after earlier objects, with the log ratios ``known (C,)`` of posterior by prior.
+
+        What the component that knows nothing says of strange touches follows from what the others say after these.
+        ``strange`` is one more column, of objects that have none of the shapes, with these prior log odds.
+        """
+        found = self.log_ratios if strange is None else np.column_stack([self.log_ratios, strange])
+        if self.model.simulated is None or not self.num_touches:
+            return found
+        weights = (self.model.log_prior + known)[:-1]
+        told = _log_bets(found[:-1], None if strange is None else log_odds)
+        others = np.logaddexp.reduce(weights + told) - np.logaddexp.reduce(weights)
+        last = others + np.log(self.strangeness / self.num_touches)
+        return np.concatenate([found[:-1], np.full_like(found[-1:], last)])
+
     @cached_property
     def log_bets(self) -> Floats:
         """Log p(all touches | component), where all shapes count alike, up to one constant, ``(C,)``."""
-        return frozen(np.logaddexp.reduce(self.log_ratios, axis=1) - np.log(len(self.model.shape_labels)))
+        return frozen(_log_bets(self.log_ratios_after()))
 
     @cached_property
     def log_likelihood(self) -> Floats:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`: with the prior of the components."""
         if not self.num_touches:
             return self.nominal.log_likelihood
-        return frozen(np.logaddexp.reduce(self.model.log_prior[:, None] + self.log_ratios, axis=0))
+        return frozen(np.logaddexp.reduce(self.model.log_prior[:, None] + self.log_ratios_after(), axis=0))
+
+
+def _log_bets(log_ratios: Floats, log_odds: float | None = None) -> Floats:
+    """Log p(touches | component) of log ratios ``(C, K)`` of shapes that count alike, ``(C,)``.
+
+    With log odds, the last column is that of objects that have none of the shapes.
+    """
+    listed = log_ratios if log_odds is None else log_ratios[:, :-1]
+    found = np.asarray(np.logaddexp.reduce(listed, axis=1) - np.log(listed.shape[1]))
+    if log_odds is None:
+        return found
+    return np.asarray(np.logaddexp(found, log_odds + log_ratios[:, -1]) - np.logaddexp(0.0, log_odds))
 
 
 def _single(array: NDArray[np.floating], room: NDArray[np.int32]) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from belief.codec import from_fields, to_fields
-from belief.conflict import MOST_TOUCHES, ConflictTest, Novelty, UsualMisfit, log_conflict
+from belief.conflict import MOST_TOUCHES, ConflictTest, Novelty, SimulatedTouches, UsualMisfit, log_conflict
 
 D, THRESHOLD = 5, np.log(1 / 0.02)
 
@@ -193,3 +193,12 @@ def test_novelty_is_comparable_between_shapes():
     touches = spread * rng.normal(size=(2000, D)) + 300.0 * shapes[:, None]
     scores = Novelty.fit(touches, shapes).score(touches)
     assert np.quantile(scores[shapes == 0], 0.9) == pytest.approx(np.quantile(scores[shapes == 1], 0.9), abs=0.4)
+
+
+def test_a_touch_is_bet_on_by_its_distance_to_simulated_ones(rng):
+    known = SimulatedTouches.of(rng.normal(size=(2000, 6)))
+    usual = [known.e_value(one) for one in rng.normal(size=(2000, 6))]
+    assert np.mean(usual) < 1.1
+    assert np.median(usual) < 0.8
+    assert known.e_value(np.full(6, 5.0)) > 30.0
+    assert known.e_value(known.embeddings[0]) == pytest.approx((1.0 + 0.5 + 0.2) / 3.0)

@@ -13,7 +13,7 @@ from activetouch.perception.imaging import SensorState, imaging_of
 from activetouch.perception.sensor_worlds import changed_worlds
 from activetouch.rendering import StuckTaxels
 from activetouch.sensor_files import MODELS
-from belief import SceneBelief, SearchProblem
+from belief import Probe, SceneBelief, SearchProblem, Unsure
 from belief.errors import InvalidArgument
 
 
@@ -102,3 +102,16 @@ def test_another_process_is_sent_no_tables_and_has_the_same(few_worlds):
     sent = pickle.dumps(worlds)
     assert len(sent) < worlds.in_pose(0).nbytes
     np.testing.assert_array_equal(pickle.loads(sent).in_pose(0), worlds.in_pose(0))
+
+
+@pytest.mark.parametrize("state", [True, None])
+def test_a_pad_of_switches_is_like_no_state_of_the_sensor(state, few_worlds):
+    scene = SCENES["gel"].scene
+    sensor, rng = TactileSensor.shipped("gel", unknown_state=state), np.random.default_rng(2)
+    for number in range(3):
+        obj, session = scene.sample_object(number, rng), sensor.naming(seed=number)
+        while isinstance(asked := session.ask(), Probe):
+            image = scene.press(obj, asked.pose, rng).image
+            session.tell(image=255 * (image > 60).astype(np.uint8))
+        assert session.ask() == Unsure()
+        assert session.step < 3

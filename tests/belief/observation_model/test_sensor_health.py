@@ -1,4 +1,5 @@
 import pickle
+from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
 
@@ -6,6 +7,7 @@ import numpy as np
 import pytest
 
 from belief import SceneBelief, SearchProblem
+from belief.conflict import SimulatedTouches
 from belief.observation_model import (
     FixedHypotheses,
     FixedWorlds,
@@ -249,3 +251,23 @@ def test_what_does_not_fit_is_refused(rng):
     place = Elsewhere((1.0, 0.0), np.zeros((K, N, M)))
     with pytest.raises(ValueError, match=r"embedded in 3 poses only, not at \(1.0, 0.0\)"):
         model.start().update(Touch(0, features=np.eye(M)[0], elsewhere=place))
+
+
+def test_touches_unlike_all_simulated_ones_leave_shape_and_state_open(rng):
+    probs = drawn(2.0, rng)
+    plain = model_of(probs, forgetting=0.0)
+    usual = np.eye(M)[rng.integers(M, size=400)] + 0.1 * rng.normal(size=(400, M))
+    model = replace(plain, simulated=SimulatedTouches.of(usual))
+    strange = [Touch(pose, features=3.0 * np.eye(M)[2]) for pose in range(P)]
+    scene, before = scene_of(model, 3), scene_of(plain, 3)
+    for number, touches in enumerate((strange, strange[:1], strange)):
+        for one in (scene, before):
+            one.update(number, touches)
+        log_e_value = np.log(model.simulated.e_value(strange[0].features))  # the mean of equal ones
+        assert scene.log_conflict == pytest.approx((number + 1) * log_e_value)
+    assert scene.log_conflict > np.log(50) > before.log_conflict
+    assert scene.sensor_health.probs[-1] > 0.8
+    assert scene.marginals().max() < 0.5 < 0.9 < before.marginals().max()
+    known = scene_of(model, 1)
+    known.update(0, [felt(0, 2), felt(1, 3)])
+    assert known.log_conflict < 0.0
