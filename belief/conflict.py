@@ -51,6 +51,7 @@ MOST_TOUCHES = 12
 """Touches of an object that are tested, at most; later ones are not bet on."""
 _FEWEST_OBJECTS = 20
 _FOLDS = 5
+_AT_ONCE = 512  # rows of distances
 _RESOLUTION = 1e-6  # relative; scores that differ by less are equal
 _QUANTILES = 40  # in each half of a distribution
 
@@ -306,7 +307,7 @@ class SimulatedTouches(FrozenArrays):
     """Tests that a touch is like simulated ones, by the distance of its embedding to the nearest of them.
 
     ``embeddings (B, D)`` are of the simulated touches, B ≥ 2; ``distances (B,)``, increasing, of each to the nearest
-    other.
+    other one.
 
     >>> known = SimulatedTouches.of(np.random.default_rng(0).normal(size=(500, 3)))
     >>> [round(known.e_value(np.full(3, place)), 1) for place in (0.0, 9.0)]
@@ -317,27 +318,29 @@ class SimulatedTouches(FrozenArrays):
     distances: NDArray[np.float32]
 
     @classmethod
-    def of(cls, embeddings: NDArray[np.floating]) -> SimulatedTouches:
-        """Of the embeddings ``(B, D)`` of simulated touches."""
+    def of(cls, embeddings: NDArray[np.floating], groups: ArrayLike | None = None) -> SimulatedTouches:
+        """Of the embeddings ``(B, D)`` of simulated touches; those of one of the ``groups (B,)`` are not compared."""
+        owners = np.arange(len(embeddings)) if groups is None else np.asarray(groups)
         found = cls(np.asarray(embeddings, np.float32), np.zeros(len(embeddings), np.float32))
         nearest = np.empty(len(embeddings), np.float32)
-        for place, one in enumerate(found.embeddings):
-            away = found._to_each(one)
-            away[place] = np.inf
-            nearest[place] = away.min()
+        for first in range(0, len(embeddings), _AT_ONCE):
+            some = np.arange(first, min(first + _AT_ONCE, len(embeddings)))
+            away = found._to_each(found.embeddings[some])
+            away[owners[some][:, None] == owners] = np.inf
+            nearest[some] = away.min(axis=1)
         return replace(found, distances=np.sort(nearest))
 
     def e_value(self, embedding: Floats) -> float:
         """E-value of ``embedding (D,)`` against "one more simulated touch": the mean of bets on a low p-value."""
         number = len(self.distances)
-        farther = number - int(self.distances.searchsorted(self._to_each(embedding).min()))
+        farther = number - int(self.distances.searchsorted(self._to_each(np.asarray(embedding)[None]).min()))
         log_p = log((1 + farther) / (number + 1))
         return float(np.exp(_LOG_KEPT[NOVELTY, :3] - _POWERS[NOVELTY, :3] * log_p).mean())
 
-    def _to_each(self, embedding: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Squared distance of ``embedding (D,)`` to each simulated touch, ``(B,)``."""
-        one = np.asarray(embedding, np.float32)
-        return self._squares - 2.0 * (self.embeddings @ one) + one @ one
+    def _to_each(self, embeddings: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Squared distances of ``embeddings (n, D)`` to each simulated touch, ``(n, B)``."""
+        some = np.asarray(embeddings, np.float32)
+        return self._squares - 2.0 * (some @ self.embeddings.T) + np.square(some).sum(axis=1, keepdims=True)
 
     @cached_property
     def _squares(self) -> NDArray[np.float32]:

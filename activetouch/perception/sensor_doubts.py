@@ -28,15 +28,23 @@ from scipy.special import logsumexp
 
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
-from activetouch.perception.contacts.random_views import log_normalisers, random_views
+from activetouch.perception.contacts.random_views import VIEWS, log_normalisers, random_views
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, regridded, sensor_state
 from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
 from activetouch.perception.proportions import OtherProportions
 from activetouch.perception.reader import TactileReader
-from activetouch.perception.sensor_worlds import EmbeddedWorlds, in_unknown_state, listed_states, with_changes
+from activetouch.perception.sensor_worlds import (
+    BODIES,
+    EmbeddedWorlds,
+    in_unknown_state,
+    listed_states,
+    simulated_touches,
+    with_changes,
+)
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.scene import Scene
+from belief.conflict import SimulatedTouches
 from belief.observation_model.doubted_sensor import DoubtedEvidence, DoubtedSensorModel, Explanation
 from belief.observation_model.embedded_hypotheses import scaled
 from belief.observation_model.evidence import ObjectEvidence
@@ -88,7 +96,6 @@ _FULL = 0.9  # reading of a cell that may be stuck, relative to full scale
 _MOST_CHANGES = 3
 _BLANK = 12.0  # log Bayes factor that a sensor tells nothing, where its taxels all read the same: noise makes that rare
 _UNEXPLAINED = 2.0  # log Bayes factor from which changes are composed
-_BODIES = 128  # random ones, in a few views each, that stand for objects of none of the shapes
 
 
 class _Believed(NamedTuple):
@@ -311,15 +318,28 @@ class SensorDoubts:
         for touch in one.again[number:]:
             scores = self._random @ scaled(body.embedding_of(touch), body.temperature)[0].astype(np.float32)
             some = logsumexp(scores, axis=1) - math.log(scores.shape[1])
-            felt = np.vstack([felt, np.append(some, 0.0)])
+            felt = np.vstack([felt, np.append(some, self._any_body.e_value(body.embedding_of(touch)[0]))])
         one.sums["strangers"] = len(one.again), felt
         poses = np.array([[int(touch.pose) for touch in one.again]])
-        return np.asarray(repeat_shares(poses, body.correlation, body.drift)[0] @ felt - alone.constant)
+        found = repeat_shares(poses, body.correlation, body.drift)[0] @ felt[:, :-1] - alone.constant
+        return np.append(found, math.log(felt[:, -1].mean()))
+
+    @cached_property
+    def _any_body(self) -> SimulatedTouches:
+        """Touches of the shapes and of random bodies in all states."""
+        of_shapes, listed = self.states().simulated, self._listed[1]
+        others = SensorState(*(part[1:] for part in listed))
+        strange = simulated_touches(self.reader, self.scene, others, are_strangers=True)
+        bodies = np.arange(len(strange)) // VIEWS % BODIES
+        if of_shapes is None:
+            return SimulatedTouches.of(strange, bodies)
+        known = of_shapes.embeddings
+        return SimulatedTouches.of(np.concatenate([known, strange]), np.append(BODIES + np.arange(len(known)), bodies))
 
     @cached_property
     def _random(self) -> Floats32:
         """Embedded views of random bodies in the described state and the listed ones, ``(1 + W, B, D)``."""
-        return random_views(self._hypotheses, self.imaging.code(self._listed[1]), _BODIES)
+        return random_views(self._hypotheses, self.imaging.code(self._listed[1]), BODIES)
 
     def _checked(
         self,

@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from activetouch.distributions import Bodies
 from activetouch.perception.cached_arrays import announced, cached_array
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
+from activetouch.perception.contacts.random_views import views_of_bodies
 from activetouch.perception.described_pads import possible_pads
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, sensor_state, states_with
-from activetouch.perception.pressed_beliefs import PressedBeliefs
+from activetouch.perception.pressed_beliefs import PressedBeliefs, images_of
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
@@ -43,6 +44,8 @@ _NOISES, _STIFFNESSES, _FORCES = (1.0, 1.6, 2.5), (1.0, 0.4, 0.65, 1.5), (1.0, 0
 _ALONE = {"noise": (3.6, 6.0), "gain": (0.8, 1.2), "blur": (0.02, 0.05, 0.12, 0.25), "hysteresis": (0.04, 0.09)}
 _SHIFTS = 0.035, 0.075, 0.15, 0.25  # parts of the edge of the image
 _SIMULATED = 6144  # touches of a scene's bodies in all states, about
+BODIES = 128
+"""Random bodies, in a few views each, that stand for objects of none of the shapes."""
 _UNKNOWN = 0.005  # prior probability of a described pad that is like none of those that its description allows
 _SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
 
@@ -166,25 +169,34 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
     return SensorHealthModel(described, worlds, labels, prior, simulated=simulated)
 
 
-def simulated_touches(reader: TactileReader, scene: Scene, states: SensorState) -> Floats32:
+def simulated_touches(
+    reader: TactileReader, scene: Scene, states: SensorState, are_strangers: bool = False
+) -> Floats32:
     """Embeddings of touches of a scene's bodies in its own state and W others, ``(B, D)``, from the cache or new.
 
-    A body and a pose are drawn for each touch; all shapes and states have equally many touches.
+    A body and a pose are drawn for each touch; all shapes and states have equally many touches. Those of strangers are
+    of random bodies in place of the shapes: the views of :func:`views_of_bodies` in turn.
     """
     hypotheses = reader.hypotheses
     assert isinstance(hypotheses, ContactHypotheses), "of a reader of any object"
-    imaging, shapes, poses = hypotheses.imaging, len(scene.shapes), len(scene.poses)
+    imaging, poses = hypotheses.imaging, len(scene.poses)
+    shapes = 1 if are_strangers else len(scene.shapes)
     every = SensorState(*map(np.concatenate, zip(sensor_state(imaging, scene), states, strict=True)))
     number = -(-_SIMULATED // (shapes * len(every.noise)))
 
     def make() -> Floats32:
         rng, found = np.random.default_rng(0), []
         pressed = PressedBeliefs(scene, imaging, scene.hypotheses(HYPOTHESES), cell_of(HYPOTHESES))
+        views = np.concatenate(list(views_of_bodies(imaging.window, BODIES))) if are_strangers else None
         for state, shape in product(range(len(every.noise)), range(shapes)):
             own = SensorState(*(part[state : state + 1] for part in every))
+            if views is not None:
+                some = np.arange(state * number, (state + 1) * number) % len(views)
+                found.append(images_of(imaging, views[some], own, rng, imaging.pixels))
+                continue
             chosen, pose = rng.integers(HYPOTHESES, size=number), int(rng.integers(poses))
             found.append(pressed.pressed(shape, chosen, pose, own, rng, imaging.pixels))
         return reader.run(np.rint(255 * np.concatenate(found)).astype(np.uint8))[0]
 
-    state = [(np.round(imaging.code(every), 6) + 0.0).tolist(), number]
+    state = [(np.round(imaging.code(every), 6) + 0.0).tolist(), number, *["in turn"] * are_strangers]
     return cached_array({"reader": reader.digest, "scene": scene_fields(scene), "simulated": state}, make)

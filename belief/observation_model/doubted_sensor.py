@@ -98,7 +98,7 @@ class Doubts(Protocol):
         """Log ratio of some body that has none of the shapes to these, for a sensor as described."""
 
     def log_strangers(self, one: DoubtedEvidence) -> Floats:
-        """Log p(touches | component, some body), on the scale of :attr:`SensorEvidence.log_ratios`, ``(C,)``."""
+        """What states say of some body, ``(C,)``; see :meth:`SensorHealthModel.over_objects`."""
 
 
 @dataclass(frozen=True, eq=False)

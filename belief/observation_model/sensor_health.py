@@ -201,7 +201,9 @@ class SensorHealthModel(OfNominal, ArrayModel):
             evidence: about each object, in the order of their first touches.
             log_bets: log bets of the session before these objects (:attr:`SensorHealth.log_bets`), or zeros.
             strange: log p(touches | component, some body that has none of the shapes) of each object, ``(n, C)``, on
-                the scale of :attr:`SensorEvidence.log_ratios`; None where objects have a shape.
+                the scale of :attr:`SensorEvidence.log_ratios`; in the last column, of the component that knows nothing,
+                the log mean e-value against touches of any body (:attr:`simulated` are of the shapes). None where all
+                objects have a shape.
             log_odds: prior log odds that an object has none of the shapes, with ``strange``.
 
         Returns:
@@ -301,15 +303,19 @@ class SensorEvidence(BesideNominal):
         """:attr:`log_ratios` after earlier objects, with the log ratios ``known (C,)`` of posterior by prior.
 
         What the component that knows nothing says of strange touches follows from what the others say after these.
-        ``strange`` is one more column, of objects that have none of the shapes, with these prior log odds.
+        ``strange`` is one more column, of objects that have none of the shapes, with these prior log odds
+        (:meth:`SensorHealthModel.over_objects`).
         """
-        found = self.log_ratios if strange is None else np.column_stack([self.log_ratios, strange])
+        found = self.log_ratios
+        if strange is not None:
+            found = np.column_stack([found, np.append(strange[:-1], found[-1, 0])])
         if self.model.simulated is None or not self.num_touches:
             return found
         weights = (self.model.log_prior + known)[:-1]
         told = _log_bets(found[:-1], None if strange is None else log_odds)
         others = np.logaddexp.reduce(weights + told) - np.logaddexp.reduce(weights)
-        last = others + np.log(self.strangeness / self.num_touches)
+        log_e_value = np.log(self.strangeness / self.num_touches) if strange is None else strange[-1]
+        last = others + log_e_value
         return np.concatenate([found[:-1], np.full_like(found[-1:], last)])
 
     @cached_property

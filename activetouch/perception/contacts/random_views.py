@@ -8,6 +8,8 @@ some body), so that 0 means "as good as any body", and evidence may be compared 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
@@ -17,6 +19,7 @@ from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.imaging import Floats32
 from activetouch.poses import random_orientation, to_matrices
+from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import heights
 from belief.validation import Floats
 
@@ -42,19 +45,22 @@ def random_views(
     Returns:
         ``(W, bodies * views, D)``.
     """
-    window = reader.imaging.wide_window
 
     def make() -> Floats32:
-        rng, found = np.random.default_rng([first, 0xBA4C]), []
-        for number in range(first, first + bodies):
-            turns = to_matrices(np.stack([random_orientation(rng) for _ in range(views)]))
-            pixel, places = window.edge / window.num_pixels, np.zeros((views, 2))
-            maps = heights(random_body(number), turns, places, pixel, window.num_pixels, np.float32)
-            found.append(reader.embed(maps, WIDTH, codes))
-        return np.concatenate(found, axis=1)
+        maps = views_of_bodies(reader.imaging.wide_window, bodies, views, first)
+        return np.concatenate([reader.embed(some, WIDTH, codes) for some in maps], axis=1)
 
     state = (np.round(codes, 7) + 0.0).tolist()
     return cached_array({"reader": reader.digest, "state": state, "random": [first, bodies, views, WIDTH]}, make)
+
+
+def views_of_bodies(window: Window, bodies: int = BODIES, views: int = VIEWS, first: int = FIRST) -> Iterator[Floats32]:
+    """Height maps of random bodies [m], each in a few random views, ``(views, n, n)`` of one body after the other."""
+    rng = np.random.default_rng([first, 0xBA4C])
+    for number in range(first, first + bodies):
+        turns = to_matrices(np.stack([random_orientation(rng) for _ in range(views)]))
+        pixel, places = window.edge / window.num_pixels, np.zeros((views, 2))
+        yield heights(random_body(number), turns, places, pixel, window.num_pixels, np.float32)
 
 
 def log_normalisers(views: Floats32, embeddings: NDArray[np.floating], scale: float) -> Floats:
