@@ -382,7 +382,7 @@ class ActiveClassification(FrozenArrays):
     def _outcomes(self, cases: ArrayLike) -> NDArray[np.int64]:
         if self.code is not None:
             return self.model.outcomes_of(self.code.outcomes(cases))
-        named = in_order(cases, self.actions) if isinstance(cases, list) else cases
+        named = in_order(cases, self.actions) if isinstance(cases, list | tuple) else cases
         return self.model.outcomes_of(np.nan_to_num(as_table(named), nan=MISSING))
 
     def _truth(self, labels: Sequence[Name] | NDArray[Any]) -> NDArray[np.int64]:

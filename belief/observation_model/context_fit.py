@@ -8,7 +8,7 @@ Dirichlet distributions). This leaves few numbers to learn, and keeps noise out 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
@@ -156,8 +156,20 @@ class _Rows(list[list[Any]]):
 
 
 def as_rows(values: Any) -> Any:
-    """Cases as they are, but dictionaries, as of :class:`csv.DictReader`, as rows with names of columns."""
-    if not isinstance(values, list | tuple) or not values or not isinstance(values[0], Mapping):
+    """Cases as they are, but dictionaries, as of :class:`csv.DictReader`, as rows with names of columns.
+
+    Raises:
+        InvalidArgument: rows of unequal length, or dictionaries with other keys than the first one.
+    """
+    if not isinstance(values, list | tuple) or not values:
+        return values
+    if not isinstance(values[0], Mapping):
+        lengths = [len(row) if isinstance(row, Sized) and not isinstance(row, str) else 0 for row in values]
+        if number := next((row for row, length in enumerate(lengths) if length != lengths[0]), 0):
+            raise InvalidArgument(
+                f"cases must be rows of equal length, the first one has {lengths[0]} cells, got {lengths[number]}, "
+                f"{values[number]!r:.60}{at((number,))}"
+            )
         return values
     found = _Rows()
     found.columns = tuple(values[0])

@@ -342,6 +342,16 @@ def test_rows_of_a_csv_file_are_read_by_their_names(rng):
             ActiveClassification.from_cases(cases, ["ill", "well"])
 
 
+def test_rows_of_unequal_length_are_refused_by_their_number_at_every_door():
+    rows, labels = [(0, 1), (1, 0), (1,), (0, 1)], ["ill", "well"] * 2
+    known = ActiveClassification.from_probs(TESTS[:2], classes=("ill", "well"))
+    fitted = ActiveClassification.from_cases([[0, 1], [1, 0]] * 10, ["ill", "well"] * 10)
+    doors = [task.evaluate for task in (known, fitted)] + [task.certified for task in (known, fitted)]
+    for door in (ActiveClassification.from_cases, *doors):
+        with pytest.raises(InvalidArgument, match=r"the first one has 2 cells, got 1, \(1,\) in row 2 \(from 0\)"):
+            door(rows, labels)
+
+
 def test_a_task_of_cases_in_words_takes_its_names_and_is_told_words():
     class Frame(list):
         """As a data frame of pandas is seen: rows, and names of columns."""
