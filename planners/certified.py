@@ -161,6 +161,7 @@ class Certificate(Tabular):
         since: fit of each search of the set-up, in their order.
         counted: digests of the sessions of these searches.
         answers: of searches in a tray, by which the thresholds are in place of numbers of touches.
+        seed: of the calibration searches.
     """
 
     decider: str
@@ -176,6 +177,7 @@ class Certificate(Tabular):
     since: tuple[Fit, ...] = field(default=(), repr=False)
     counted: tuple[str, ...] = field(default=(), repr=False)
     answers: Annotated[tuple[str, ...], OPTIONAL] = ()
+    seed: Annotated[int, OPTIONAL] = 0
 
     def __post_init__(self) -> None:
         check(self)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -26,6 +26,7 @@ from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
 from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, CompositionName, Searches, Setting, play_episodes
+from experiments.search.run import RunMismatch, differing
 from planners import Decider, Episode
 from planners.certified import NEVER, WANTED, Certificate, Certified, Fit, fit_of_search
 
@@ -154,6 +155,7 @@ def certify(
     Raises:
         BadArgument: an argument is invalid.
         TooFewSearches: no stop can be certified from so many searches.
+        RunMismatch: ``out`` holds another certificate.
         ActiveTouchError: as :func:`activetouch.compare`.
 
     Example::
@@ -241,10 +243,10 @@ class Certify:
         run = prepared(
             *(self.setting, self.decider, named, own_sensor), targets=self.targets, seed=self.seed, jobs=self.jobs
         )
-        if self.out is not None:
-            require_writable_file(self.out)
         player = run.deciders[self.decider]
         searches = replace(run.searches, problem=run.searches.problem.with_unsure())
+        world = searches.sensor.certified_world(searches.problem, run.targets, self.decider, player, run.known)
+        self._require_free(world, self.max_touches)
         played = play_calibration(searches, player, self.searches, run.targets, self.max_touches, self.jobs)
         candidates = candidate_stops(played)
         found = certified_thresholds(candidates, self.risk, self.confidence)
@@ -258,8 +260,9 @@ class Certify:
         certificate = Certificate(
             *(self.decider, self.risk, self.confidence, self.searches),
             *(found.thresholds, found.stops, found.wrong, self.max_touches),
-            made_for=searches.sensor.certified_world(searches.problem, run.targets, self.decider, player, run.known),
+            made_for=world,
             usual=tuple(search.fit for search in played),
+            seed=self.seed,
         )
         return self._saved(certificate)
 
@@ -273,16 +276,32 @@ class Certify:
         searches = TraySearches.of(self.setting, self.seed + _SEEDS)
         sensor, rules = searches.made(), searches.rules
         labels = list(self.targets or sensor.shape_labels)
+        world = sensor.certified_world(labels, self.decider)
+        self._require_free(world, rules.most_touches)
         drawn = keyed_rng([searches.seed]).choice(labels, self.searches).tolist()
         searches = replace(searches, rules=replace(rules, sure=SUREST, sure_absent=SUREST))
         found = play(searches, [self.decider], drawn, self.searches, jobs=self.jobs).episodes[self.decider]
         stops = certified_thresholds(stops_in_trays(found), self.risk, self.confidence, answers=ANSWERS)
         if not np.isfinite(stops.thresholds).all():
             raise TooFewSearches(f"{stops.note} Play more --searches, or accept more --risk")
-        world = sensor.certified_world(labels, self.decider)
         counts = stops.thresholds, stops.stops, stops.wrong, rules.most_touches
         about = self.decider, self.risk, self.confidence, self.searches
-        return self._saved(Certificate(*about, *counts, made_for=world, answers=ANSWERS))
+        return self._saved(Certificate(*about, *counts, made_for=world, answers=ANSWERS, seed=self.seed))
+
+    def _require_free(self, world: dict[str, Any], max_touches: int) -> None:
+        """Refuse, before anything is played, a file that holds another certificate, or one with searches since."""
+        if self.out is None:
+            return
+        require_writable_file(self.out)
+        if not self.out.exists():
+            return
+        held, words = Certificate.load(self.out), ("--risk", "--confidence", "--searches", "--seed", "--max-touches")
+        there = held.risk, held.confidence, held.num_searches, held.seed, held.max_touches
+        here = self.risk, self.confidence, self.searches, self.seed, max_touches
+        one, other = (dict(zip(words, each, strict=True)) for each in (there, here))
+        one["searches counted since"], other["searches counted since"] = len(held.since), 0
+        if differs := differing({**held.made_for, **one}, world | other):
+            raise RunMismatch(f"{self.out} holds another certificate: {differs}. Choose another --out, or delete it")
 
     def _saved(self, certificate: Certificate) -> Certificate:
         if self.out is not None:

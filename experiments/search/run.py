@@ -50,7 +50,7 @@ Cell: TypeAlias = tuple[str, str]
 
 
 class RunMismatch(ActiveTouchError, ValueError):
-    """A folder holds another run than the requested one."""
+    """A folder or file holds another run than the requested one."""
 
 
 @dataclass(frozen=True)

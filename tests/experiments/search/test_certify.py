@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from belief import Probe
 from belief.errors import InvalidArgument
 from experiments.command_line.arguments import BadArgument
 from experiments.search.certify import Certify, TooFewSearches
+from experiments.search.run import RunMismatch
 from planners import Outcome
 from planners.certified import Certificate, NotCertified
 from planners.session_log import OtherModel
@@ -24,6 +27,20 @@ def test_a_certificate_is_written_and_says_what_it_is_for(made):
     assert "P(wrong | confirmed after k touches) ≤ 0.2" in str(certificate)
     assert certificate.made_for["targets"] == ["sphere", "cube", "cylinder", "cone"]
     assert sum(certificate.stops) >= 11  # without an error, 11 show that at most 0.2 are wrong
+
+
+def test_a_file_with_another_certificate_is_not_written_over(made, tmp_path):
+    path, certificate = made
+    content, asked = path.read_bytes(), {"searches": 40, "max_touches": 2, "out": path, "jobs": 1}
+    for change, words in (({"risk": 0.3}, "--risk"), ({"seed": 1}, "--seed"), ({"touch_cost": 0.1}, "rules")):
+        with pytest.raises(RunMismatch, match=rf"coarse\.json holds another certificate: other .*{words}\. Choose"):
+            activetouch.certify("coarse", **{"risk": 0.2, **asked, **change})
+    assert path.read_bytes() == content
+    replace(certificate, since=certificate.usual[:1]).save(in_use := tmp_path / "in_use.json")
+    with pytest.raises(RunMismatch, match="other searches counted since"):
+        activetouch.certify("coarse", risk=0.2, **{**asked, "out": in_use})
+    assert activetouch.certify("coarse", risk=0.2, **asked) == certificate
+    assert path.read_bytes() == content
 
 
 def test_compare_plays_the_certified_decider_beside_its_own_and_refuses_another(made):
