@@ -119,10 +119,12 @@ def _alike_words(scene: Scene, name: str, described: Path | None, jobs: int) -> 
         if changed := [part for part in parts if getattr(scene, part) != getattr(own, part)]:
             return [f"Shapes are not compared: the reader of {name} was trained for another {' and '.join(changed)}."]
     twins = near_twins(model_of(sensor_of(scene.solids, described or name, jobs=jobs)))
-    return [f"{twin}." for twin in twins[:_MOST_PAIRS]] or [
+    found = [f"{twin}." for twin in twins[:_MOST_PAIRS]] or [
         f"No two shapes feel nearly alike: from 26 directions, a touch favours the true one {np.exp(ALIKE):.1f} times "
         f"or more against any other ({ALIKE} nats)."
     ]
+    by = f"of {name}, by its reader" if described is None else f"in {described}, by the reader of any pad"
+    return [f"Shapes are compared on the pad {by}; on another pad, others may feel alike.", *found]
 
 
 def _cost_words(scene: Scene, num_presses: int) -> str:

@@ -92,7 +92,7 @@ def test_explain_names_shapes_that_feel_nearly_alike(monkeypatch, capsys):
         assert words in text
     assert len(printed.splitlines()) < 45
     twins.clear()
-    [none] = explain._alike_words(COARSE.scene, "coarse", None, 1)
+    [_, none] = explain._alike_words(COARSE.scene, "coarse", None, 1)
     assert none.endswith(
         "from 26 directions, a touch favours the true one 2.2 times or more against any other (0.8 nats)."
     )
@@ -104,7 +104,9 @@ def test_shapes_are_compared_by_the_reader_of_the_scene_alone(name, monkeypatch)
     for part in ("near_twins", "sensor_of", "model_of"):
         monkeypatch.setattr(explain, part, lambda *given, **named: [])
     scene = SCENES[name].scene
-    assert "feel nearly alike" in explain._alike_words(scene, name, None, 1)[0]
+    where, found = explain._alike_words(scene, name, None, 1)
+    assert where.startswith(f"Shapes are compared on the pad of {name}, by its reader")
+    assert "feel nearly alike" in found
     [words] = explain._alike_words(SceneChoice(name, hand="parallel").named.scene, name, None, 1)
     assert words == f"Shapes are not compared: the reader of {name} was trained for another hand."
 
@@ -116,5 +118,6 @@ def test_shapes_are_compared_on_a_described_pad(tmp_path, capsys):
     Explain(SceneChoice(pad=path), presses=2, jobs=1).run()
     said = " ".join(capsys.readouterr().out.split())
     assert "16 taxels" in said
+    assert "by the reader of any pad; on another pad, others may feel alike." in said
     assert "feel nearly alike" in said
     assert "activetouch compare searches with this pad" in said
