@@ -25,6 +25,7 @@ from belief.errors import InvalidArgument, UnknownName
 
 Quaternion = NDArray[np.float64]
 
+_FARTHEST = 0.5  # aim [m]: largest objects have a radius of 0.3 m
 _UNIT_SLACK = 1e-3  # error of a norm, for numbers that were rounded to three digits
 
 
@@ -173,7 +174,18 @@ def checked_aims(
             raise UnknownName("pose", label, list(poses))
         if np.shape(aim) != (2,) or not np.isfinite(aim).all():
             raise InvalidArgument(f"the aim of the pose {label!r} must be two finite numbers [m], got {aim!r}")
+        require_reach(f"the aim of the pose {label!r}", aim, _FARTHEST)
     return {label: (float(given[label][0]), float(given[label][1])) for label in poses if any(given.get(label, ()))}
+
+
+def require_reach(what: str, aim: Sequence[float] | NDArray[np.float64], reach: float) -> None:
+    """Check that an aim is not farther from the approach axis than anything is felt, both [m]."""
+    if math.hypot(*aim) > reach:
+        y, z = (f"{number:g}" for number in aim)
+        raise InvalidArgument(
+            f"{what} must be at most {reach:.3g} m from the approach axis, got [{y}, {z}] m, where nothing is felt: is "
+            "it in mm?"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -186,6 +186,12 @@ class Scene:
         return np.array([self.aims.get(label, (0.0, 0.0)) for label in self.rotations])
 
     @property
+    def reach(self) -> float:
+        """Distance from an aim at which no object of the scene meets the pad [m]."""
+        size = self.variation.size.support[1]
+        return 2.0 * self.pad.half_width + size * max(solid.bounding_radius for solid in self.solids.values())
+
+    @property
     def shape_labels(self) -> tuple[str, ...]:
         """Names of the shapes, in index order."""
         return tuple(self.shapes)

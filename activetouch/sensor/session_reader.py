@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.perception.reader import TactileReader
+from activetouch.poses import require_reach
 from activetouch.pressing.contact import missed
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
@@ -83,6 +84,7 @@ class SensorReader:
         angles = 2.0 * np.arccos(np.minimum(turns, 1.0))
         away = np.linalg.norm(scene.aim_offsets - aim, axis=1) / scene.pad.half_width
         nearest = int(np.argmin(angles + away))
+        require_reach("the aim of a place", aim, scene.reach + float(np.linalg.norm(scene.aim_offsets, axis=1).max()))
         if np.abs(turns[nearest] - 1.0) < _SAME**2 and away[nearest] < _SAME:
             return nearest, None
         model, hypotheses, card = joint_model(self.model), self.reader.hypotheses, self.reader.card

@@ -36,6 +36,7 @@ def test_a_scene_takes_the_name_of_a_set_and_aims_move_the_object(rng):
         ({"aims": {"nowhere": (0.0, 0.0)}}, UnknownName),
         ({"aims": {"front": (0.0, np.nan)}}, InvalidArgument),
         ({"aims": {"front": (0.0,)}}, InvalidArgument),
+        ({"aims": {"front": (5.0, 0.0)}}, InvalidArgument),
     ],
 )
 def test_a_scene_refuses_poses_and_aims_that_it_cannot_use(changes, error):

@@ -322,6 +322,9 @@ def test_a_reader_of_any_object_embeds_hypotheses_at_any_place():
     expected = reader.hypotheses.embedded(listed, scene.hypotheses(16), 0)
     assert elsewhere.place == (*quaternion, *aim)
     assert elsewhere.hypotheses.tobytes() == expected.tobytes()
+    for far in ([5.0, 0.0], [0.0, 0.08]):  # nothing reaches farther than 0.07 m
+        with pytest.raises(InvalidArgument, match=r"must be at most 0\.06\d* m .*, got \[.*\] m, .* is it in mm\?"):
+            there.at({"quaternion": quaternion.tolist(), "aim": far})
     assert there.at({"place": [*scene.rotations["y45"], 0.0, 0.0]}) == (scene.pose_labels.index("y45"), None)
     touch = Touch(pose, features=np.ones(width, np.float32), elsewhere=elsewhere)
     once = model.start().update(touch)
