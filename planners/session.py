@@ -22,6 +22,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -55,6 +56,7 @@ from planners.session_log import (
     standing_of,
 )
 
+_FAR = 20.0  # factor beyond the contacts of the reader's scene, from which a force or an area is in another unit
 _MISSES = 2  # of an object in a pose, after which another pose is touched
 
 
@@ -133,8 +135,10 @@ class Session(AskAndTell):
         self.decider, self._log_bets, self._prior = decider, log_bets, prior
         self._reader = reader
         self._least_force, self._least_area = least_force, least_area
-        for name, limit in (("least_force", least_force), ("least_area", least_area)):
-            _not_negative(name, limit)
+        self._usual = dict(getattr(reader, "usual", {}))
+        for name, limit in (("force", least_force), ("area", least_area)):
+            if _not_negative(f"least_{name}", limit) and name in self._usual and limit > self._usual[name][1]:
+                self._warn_of_unit(name, limit, f"least_{name}")
         self.arrangement = self._shapes([None] * self.problem.num_objects if arrangement is None else arrangement)
         self._steps: list[Step] = []
 
@@ -230,6 +234,9 @@ class Session(AskAndTell):
             UnknownName: there is no such pose.
             ImpossibleObservation: the touch has likelihood zero for every possible shape.
             CannotWrite: the log cannot be written. After every error, nothing has changed.
+
+        Warns:
+            UserWarning: once, a force or an area is so far from those of the scene that its unit is another one.
         """
         self._require_step(step)
         self.ask()
@@ -274,7 +281,18 @@ class Session(AskAndTell):
             touch = None if of_miss is None else of_miss(at)
         elif touch is not None and (touch.pose != at or touch.elsewhere is not elsewhere):
             touch = replace(touch, pose=at, elsewhere=elsewhere)
+        for name, given in (("force", force), ("area", stated)) if not is_miss else ():
+            self._warn_of_unit(name, given, name)
         return Told(*asked, touch, is_miss, image, force, area, time.time())
+
+    def _warn_of_unit(self, name: str, value: float | None, said: str) -> None:
+        """Warn, once in a session, of a force or an area far beyond those of the reader's scene."""
+        low, high, unit = self._usual.get(name, (0.0, np.inf, ""))
+        if value and not low / _FAR <= value <= _FAR * high:
+            other = f"m{unit}" if value > high else "another unit"
+            words = f"{said}={value:g} is in {unit}, and contacts of this sensor have {low:g} to {high:g} {unit}"
+            warnings.warn(f"{words}: is it in {other}?", stacklevel=4)
+            del self._usual[name]
 
     def _place(self, pose: Any) -> tuple[int, Elsewhere | None]:
         if not isinstance(pose, Mapping):

@@ -47,6 +47,12 @@ class SensorReader:
         reader = self.reader
         return hashlib.sha256(f"{reader.digest} {reader.card.fields()}".encode()).hexdigest()
 
+    @property
+    def usual(self) -> dict[str, tuple[float, float, str]]:
+        """Least and largest force and area of contacts in the scene, and the unit of each."""
+        face = (2.0 * self.scene.pad.half_width) ** 2
+        return {"force": (*self.scene.variation.force.support, "N"), "area": (0.0, face, "m²")}
+
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.uint8], Touch, float]:
         """The image as bytes, the touch that it shows, and the area of the contact [m²]; see :func:`checked_image`."""
         checked = checked_image(image, self.scene.image_shape)

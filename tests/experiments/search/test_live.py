@@ -284,6 +284,22 @@ def test_a_faint_image_is_a_touch_where_a_force_is_stated():
     assert sensor().session("cube", least_force=3.0).tell(image=faint, force=2.0) == "miss"
 
 
+def test_a_force_or_an_area_in_another_unit_is_warned_of_once():
+    image = world().press("front", touch_rng(KEY, 0, 0, 0))[0]
+    for told, words in (
+        ({"force": 2000.0}, r"force=2000 is in N, and contacts of this sensor have 1\.5 to 3 N: is it in mN\?"),
+        ({"force": 0.002}, "force=0.002 is in N, .* is it in another unit"),
+        ({"area": 90.0}, r"area=90 is in m², .* is it in mm²\?"),
+    ):
+        session = sensor().session("cube")
+        with pytest.warns(UserWarning, match=words):
+            session.tell(image=image, **told)
+        session.tell(image=image, **told)
+    with pytest.warns(UserWarning, match="least_force=100 is in N"):
+        sensor().session("cube", least_force=100.0)
+    sensor().session("cube", least_force=0.01).tell(image=image, force=0.1)
+
+
 def test_a_place_that_is_a_pose_is_that_pose_and_others_are_evidence_of_one_rigid_body(tmp_path):
     scene, image = sensor().scene, world().press("front", touch_rng(KEY, 0, 0, 0))[0]
     in_pose, at_place, elsewhere = (sensor().session("cone", "information_gain", 7) for _ in range(3))
