@@ -33,6 +33,7 @@ from planners.tray import (
 TrayAction: TypeAlias = Press | ConfirmAt | Reject | Unsure
 Lies: TypeAlias = tuple[str, float, float]
 """Shape and place (x, y) of an object [m]."""
+_HIGHEST = 1.0  # contact [m]: the largest objects are 0.6 m high
 _PARKED = (0.0, 0.0)
 """Where the pad is at first [m]."""
 PLACELESS: Mapping[str, Reject | Unsure] = {"reject": Reject(), "unsure": Unsure()}
@@ -231,8 +232,9 @@ class TraySession(AskAndTell):
             raise InvalidArgument("say missed=True, or what was met: an image and the height of the contact")
         embedding = level = None
         if image is not None and height is not None:
-            if not (are_finite(height) and height > 0.0):
-                raise InvalidArgument(f"the height of a contact is above the floor [m], got {height}")
+            if not (are_finite(height) and 0.0 < height <= _HIGHEST):
+                hint = ": is it in mm?" if are_finite(height) and height > 0.0 else ""
+                raise InvalidArgument(f"the height of a contact is above the floor, in (0, 1] m, got {height}{hint}")
             if self.reader is None:
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
             embedding, level = self.reader.read(image)

@@ -307,6 +307,8 @@ def test_a_session_refuses_what_makes_no_sense(sensor):
     for height in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InvalidArgument, match="above the floor"):
             session.tell(image, height)
+    with pytest.raises(InvalidArgument, match=r"in \(0, 1\] m, got 25.0: is it in mm\?"):
+        session.tell(image, 25.0)
     for place in ((1.0, 0.0), (np.nan, 0.0), (0.0, -0.1)):
         with pytest.raises(InvalidArgument, match="in the tray"):
             session.tell(missed=True, place=place)
