@@ -35,6 +35,15 @@ _PARTS: dict[str, tuple[str, ...]] = {
     "taxels": ("centres_mm", "normals", "area_mm2"),
     "press": ("force", "offset_mm", "depth_mm"),
 }
+_UNITS = {  # of numbers in files: the least and the largest one, their unit, and those of a number below or above
+    "pitch_mm, or between neighbours in centres_mm,": (0.03, 100.0, "mm", "m", "µm"),
+    "area_mm2": (1e-3, 1e4, "mm²", "m²", "µm²"),
+    "force": (0.005, 200.0, "N", "kN", "mN"),
+    "offset_mm, if not 0,": (0.02, 100.0, "mm", "m", "µm"),
+    "depth_mm": (0.03, 100.0, "mm", "m", "µm"),
+    "full_scale_kpa": (0.2, 5e4, "kPa", "MPa", "Pa"),
+    "radius_mm": (0.5, 300.0, "mm", "m", "µm"),
+}
 
 
 class BadPad(ActiveTouchError, ValueError):
@@ -75,6 +84,16 @@ class PadDescription:
             raise InvalidArgument(f"the least force must not exceed the largest, got {self.force}")
         if set(self.dead) - set(range(len(self.taxels))) or len(self.dead) >= len(self.taxels):
             raise InvalidArgument(f"dead must be numbers of some of the {len(self.taxels)} taxels, got {self.dead}")
+        for name, number in (
+            ("pitch_mm, or between neighbours in centres_mm,", 1e3 * self.taxels.pitch),
+            ("area_mm2", 1e6 * self.taxels.area),
+            ("force", self.force[0]),
+            ("force", self.force[1]),
+            ("offset_mm, if not 0,", 1e3 * self.offset),
+            ("depth_mm", 1e3 * self.max_depth),
+            ("full_scale_kpa", 1e-3 * self.full_scale),
+        ):
+            require_usual(name, number)
 
     @property
     def pad(self) -> Pad:
@@ -162,6 +181,17 @@ class PadDescription:
         for table, parts in tables.items():
             lines += [f"\n[{table}]", *(f"{name} = {json.dumps(part)}" for name, part in parts.items())]
         write_text(Path(path), "\n".join(lines) + "\n")
+
+
+def require_usual(name: str, number: float) -> None:
+    """Check that a number of a file is not as large or small as one in another unit; 0 is none."""
+    low, high, unit, larger, smaller = _UNITS[name]
+    if number and not low <= number <= high:
+        other = larger if number < low else smaller
+        raise InvalidArgument(
+            f"{name} must be in [{low:g}, {high:g}] {unit}, got {number:g}: is it in {other}? In Python "
+            "numbers are in m, N and Pa"
+        )
 
 
 def _rounded(number: float) -> float:

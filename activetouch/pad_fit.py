@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from activetouch.pad_file import PadDescription
+from activetouch.pad_file import PadDescription, require_usual
 from activetouch.pressing.contact import Pad
 from activetouch.rendering.response import Response, respond
 from activetouch.solids.triangles import Floats, grid_centres
@@ -88,6 +88,11 @@ class BallPresses(FrozenArrays):
         known = [part for part in (self.forces, self.depths) if part is not None]
         if not known or any(part.shape != (number,) or not (part > 0.0).all() for part in known):
             raise InvalidArgument(f"each of the {number} presses needs a force or a depth above 0")
+        require_usual("radius_mm", 1e3 * self.radius)
+        if self.forces is not None:
+            require_usual("force", float(self.forces.max()))
+        if self.depths is not None:
+            require_usual("depth_mm", float(1e3 * self.depths.max()))
         if (self.readings < 0.0).any() or not self.readings.any(axis=1).all():
             raise InvalidArgument("readings must not be negative, and each press must be felt")
         self.freeze()

@@ -45,6 +45,7 @@ _LIMITS = {
     "gain": (0.01, 100.0),
     "noise": (0.0, 0.5),
 }
+_UNITS = {"stiffness": " N/m³", "blur": " pitches"}
 _REACH = 4.0  # standard deviations at which a blur ends
 _SATURATED = 9.9  # of full scale: larger readings are refused as of another unit
 
@@ -84,7 +85,8 @@ class Response:
             require_distribution(part.name, given)
             (least, most), (low, high) = _LIMITS[part.name], given.support
             if not least <= low <= high <= most:
-                raise InvalidArgument(f"{part.name} must lie in [{least:g}, {most:g}], got {low:g} to {high:g}")
+                unit = _UNITS.get(part.name, "")
+                raise InvalidArgument(f"{part.name} must lie in [{least:g}, {most:g}]{unit}, got {low:g} to {high:g}")
 
     @classmethod
     def of(cls, ranges: Mapping[str, Any]) -> Response:

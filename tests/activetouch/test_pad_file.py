@@ -40,11 +40,25 @@ def test_a_description_is_written_and_read(tmp_path):
         ({"press": {"depth_mm": -1}}, "max_depth"),
         ({"dead": [99]}, "dead"),
         ({"relative": 1}, "relative"),
+        ({"response": {"stiffness": [0.01, 1.0]}}, "stiffness .* N/m³"),
+        ({"grid": GRID | {"pitch_mm": 0.0034}}, r"pitch_mm.* \[0.03, 100\] mm, got 0.0034: is it in m\?"),
+        ({"grid": GRID | {"pitch_mm": 3400}}, "pitch_mm.* is it in µm"),
+        ({"press": {"force": [1500, 3000]}}, "force .* is it in mN"),
+        ({"press": {"offset_mm": 0.002}}, "offset_mm.* is it in m"),
+        ({"press": {"depth_mm": 3000}}, "depth_mm.* is it in µm"),
+        ({"full_scale_kpa": 1e5}, "full_scale_kpa.* is it in Pa"),
     ],
 )
 def test_an_error_names_the_entry(change, said):
     with pytest.raises(BadPad, match=said):
         pad_from({"grid": GRID} | change)
+
+
+def test_a_list_of_taxels_in_metres_and_a_grid_in_millimetres_are_refused():
+    with pytest.raises(BadPad, match=r"between neighbours in centres_mm, .* got 0.004: is it in m\?"):
+        pad_from({"taxels": {"centres_mm": [[0, 0, 0], [0, 0.004, 0]], "area_mm2": 9}})
+    with pytest.raises(InvalidArgument, match=r"got 4000: is it in µm\? In Python numbers are in m"):
+        PadDescription(Taxels.grid(8, 8, 4.0))
 
 
 def test_a_file_that_is_none(tmp_path):

@@ -83,6 +83,14 @@ def test_presses_that_are_none():
     ):
         with pytest.raises(InvalidArgument):
             replace(given, **wrong)
+    depths = np.full(5, 1e-3)
+    for wrong, words in (
+        ({"radius": 0.9}, "radius_mm .* is it in µm"),
+        ({"forces": 1e3 * given.forces}, "force .* is it in mN"),
+        ({"forces": None, "depths": 1e-3 * depths}, "depth_mm .* is it in m"),
+    ):
+        with pytest.raises(InvalidArgument, match=words):
+            replace(given, **wrong)
     with pytest.raises(InvalidArgument, match="taxels"):
         fit_pad(replace(PAD, taxels=Taxels.grid(3, 3, 0.004)), given)
     with pytest.raises(InvalidArgument, match="full scale"):

@@ -32,11 +32,13 @@ def random_pad(rng: np.random.Generator) -> PadDescription:
     dead: tuple[int, ...] = ()
     if rng.uniform() < 0.2 and len(taxels) > 8:
         dead = tuple(map(int, rng.choice(len(taxels), rng.integers(1, 1 + len(taxels) // 8), replace=False)))
+    force = least, least * _log_uniform(rng, 1.0, 15.0)
+    offset = min(0.012, edge * float(rng.choice([0.0, 0.08, rng.uniform(0.0, 0.25)])))
     return PadDescription(
         taxels,
         RANGES,
-        force=(least, least * _log_uniform(rng, 1.0, 15.0)),
-        offset=min(0.012, edge * float(rng.choice([0.0, 0.08, rng.uniform(0.0, 0.25)]))),
+        force=force,
+        offset=offset if offset > 2e-5 else 0.0,  # descriptions take smaller ones for metres
         max_depth=_log_uniform(rng, 0.001, 0.006),
         full_scale=_log_uniform(rng, 1e4, 1e6),
         is_relative=bool(rng.uniform() < 0.5),
