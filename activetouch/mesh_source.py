@@ -15,12 +15,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
+from statistics import median_low
 from typing import TYPE_CHECKING
 
 from activetouch.errors import BadMesh, DuplicateShape, MeshWarning, warn_of
 from activetouch.robot_file import ROBOTS, is_robot, mesh_paths, read_link, read_robot
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS, OTHERS, why_not
+from activetouch.solids.sizes import unlike_others
 from belief.errors import InvalidArgument
 from belief.files import plain_number
 
@@ -168,11 +170,20 @@ def read_files(
     if left_out and not found:
         reasons = "".join(f"\n- {line}" for line in _first(left_out, 3))
         raise InvalidArgument(f"no mesh could be read from {', '.join(map(str, sources))}:{reasons}")
-    warn_of_files([str(one.message) for one in said if issubclass(one.category, MeshWarning)])
+    remarks = [str(one.message) for one in said if issubclass(one.category, MeshWarning)]
+    warn_of_files([*remarks, *_unlike({labelled[label].path: mesh for label, mesh in found.items()})])
     for one in said:
         if not issubclass(one.category, MeshWarning):
             warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
     return found, left_out
+
+
+def _unlike(meshes: Mapping[Path, Mesh]) -> list[str]:
+    """Lines on files whose body is far larger or smaller than most; links of robots have their sizes."""
+    files = {path: mesh for path, mesh in meshes.items() if not is_robot(path)}
+    usual = median_low([mesh.bounding_radius for mesh in files.values()] or [1.0])
+    said = {path: unlike_others(mesh.bounding_radius, usual, mesh.unit) for path, mesh in files.items()}
+    return [f"{path}: {line}" for path, line in said.items() if line]
 
 
 def warn_of_files(lines: Sequence[str]) -> None:

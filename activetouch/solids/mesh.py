@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -40,6 +40,7 @@ class Mesh:
         name: for messages, such as the name of the file.
         vertices: ``(v, 3)`` [m]; unused vertices are removed.
         faces: corners of the triangles as indices of vertices, counter-clockwise from outside, ``(f, 3)``.
+        unit: the ``scale`` with which it was read.
 
     Raises:
         BadMesh: there is no triangle, a vertex is not finite, the surface is flat or encloses no volume, more than 10 %
@@ -55,8 +56,10 @@ class Mesh:
     centred: InitVar[bool] = False
     remarks: InitVar[tuple[str, ...] | None] = None
     scale: InitVar[float] = 1.0
+    unit: float = field(init=False, default=1.0)
 
     def __post_init__(self, centred: bool, remarks: tuple[str, ...] | None, scale: float) -> None:
+        object.__setattr__(self, "unit", scale)
         vertices = np.asarray(self.vertices, dtype=float).reshape(-1, 3)
         faces = np.asarray(self.faces, dtype=np.intp).reshape(-1, 3)
         if len(faces) == 0:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 _SMALLEST, _LARGEST = 0.0005, 0.3  # radius of the bounding ball [m]; objects may be much larger than the pad
 _ORDINARY = (0.005, 0.15)  # radii for which an error message gives the command line [m]
 _USUAL = (0.002, 0.15)  # radii that are read without a remark [m]
+_UNLIKE = 10.0  # factor between a radius and that of most others
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "metres": 1.0}
 
 
@@ -29,6 +32,25 @@ def odd_size(radius: float) -> str | None:
         f"read in metres, its farthest point is {1e3 * radius:.3g} mm from its middle, which is unusual; give "
         f"its scale to confirm or to change it: {units_that_fit(radius)}"
     )
+
+
+def unlike_others(radius: float, usual: float, scale: float) -> str | None:
+    """A remark on a body, read with a scale, that would be as large as most others in another unit; None for others.
+
+    >>> unlike_others(0.25, 0.025, 0.01).partition(": ")[2]
+    'is it in another unit? Read with @0.001, it would have 25 mm'
+    """
+    others = [radius / scale * unit for unit in _UNITS.values()]
+    size, fits = min(zip(others, _UNITS.values(), strict=True), key=lambda each: _apart(each[0], usual))
+    if _apart(radius, usual) < _UNLIKE or _apart(size, usual) > math.sqrt(_UNLIKE):
+        return None
+    lengths = f"its farthest point is {1e3 * radius:.3g} mm from its middle, that of most others {1e3 * usual:.3g} mm"
+    return f"{lengths}: is it in another unit? Read with @{fits:g}, it would have {1e3 * size:.3g} mm"
+
+
+def _apart(one: float, other: float) -> float:
+    """The factor between two lengths, at least 1."""
+    return round(max(one / other, other / one), 6)
 
 
 def units_that_fit(radius: float) -> str:

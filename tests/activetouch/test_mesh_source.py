@@ -110,6 +110,16 @@ def test_an_unusual_size_is_read_with_advice_that_names_all_units_that_fit(radiu
         read_meshes(f"{tmp_path}/b.obj@{400 / radius}")  # advice is about the unit of the file
 
 
+def test_a_body_ten_times_as_large_as_most_others_may_be_in_another_unit(tmp_path):
+    for name, edge in {"a": 3.0, "b": 2.5, "c": 2.0, "mm": 27.0}.items():  # three in centimetres
+        lines = ["v {:.12g} {:.12g} {:.12g}".format(*vertex) for vertex in CUBE * edge / np.ptp(CUBE[:, 0])]
+        lines += ["f {} {} {}".format(*(i + 1 for i in face)) for face in FACES]
+        (tmp_path / f"{name}.obj").write_text("\n".join(lines))
+    with pytest.warns(MeshWarning, match=r"mm\.obj: .* is 234 mm .* others 21.7 mm: .* Read with @0.001, .* 23.4 mm$"):
+        read_meshes(f"{tmp_path}@0.01")
+    read_meshes(*(f"{tmp_path}/{name}.obj@0.01" for name in "abc"), f"{tmp_path}/mm.obj@0.001")
+
+
 def test_files_of_different_units_are_read_in_one_call(folder):
     with pytest.warns(MeshWarning, match="a_mm.obj: read in millimetres"):
         meshes = read_meshes(folder / "a_mm.obj", folder / "b_m.obj")
