@@ -183,6 +183,7 @@ class MeshOptions(ABC):
         reader_of(self.sensor)  # which is refused before files are read
         plain_console().print(reading_words(sources))
         solids, left_out = read_folder(self.folder, self.scale) if choice is None else choice.meshes_read
+        _require_two(solids, left_out)
         plain_console().print(cost_words(solids, self.sensor, *self._expected(len(solids)), jobs=self.jobs))
         for line in left_out:
             print(line)
@@ -205,6 +206,8 @@ class MeshOptions(ABC):
         if len(found.twins) > _MOST_TWINS:
             plain_console().print(f"- and {len(found.twins) - _MOST_TWINS} more pairs")
         print(found.table())
+        if found.left_out:
+            print(f"bodies: {len(found.sensor.shape_labels)}; left out, as said above: {len(found.left_out)}")
         replaced = ", in place of an earlier report" * (self.out / "report.html").exists()
         print(f"wrote {found.save(self.out)}{replaced}")
 
@@ -220,7 +223,11 @@ def solids_of(bodies: Bodies, scale: float | None) -> tuple[Mapping[str, Shape],
     """Bodies by label, as given, or of mesh files; and lines on those left out, of which it warns."""
     solids, left_out = (bodies, list[str]()) if isinstance(bodies, Mapping) else read_folder(bodies, scale)
     warn_of_files(left_out)
+    _require_two(solids, left_out)
+    return solids, left_out
+
+
+def _require_two(solids: Mapping[str, Shape], left_out: Sequence[str]) -> None:
     if len(solids) == 1:
         reasons = "".join(f"\n- {line}" for line in left_out)
         raise InvalidArgument(f"one body, {next(iter(solids))}: nothing to tell apart; add a mesh{reasons}")
-    return solids, left_out

@@ -165,6 +165,10 @@ def test_every_command_says_what_a_folder_has_and_is_not_read(tmp_path, capsys):
         assert list(solids) == ["cube.obj", "cube.ply"]
         assert [line.startswith(begin) for line, begin in zip(left_out, begins, strict=True)] == [True] * 2
         assert capsys.readouterr().out.splitlines()[-2:] == left_out
+    (tmp_path / "cube.ply").unlink()
+    with pytest.raises(InvalidArgument, match=r"(?s)one body, cube: nothing .*\n- \S*cube.step is left out: STEP"):
+        Find(folder=tmp_path, target="cube", out=tmp_path).read("cube")
+    capsys.readouterr()
     choice = SceneChoice("coarse", meshes=(tmp_path,), only=True)
     with pytest.warns(MeshWarning, match="is left out"):
         Explain(choice, presses=2, alike=False).run()
@@ -223,12 +227,18 @@ def test_bodies_are_named_and_the_report_shows_those_that_are_possible(folder, t
     assert len((tmp_path / "report" / "objects.csv").read_text().splitlines()) == 5
 
 
-def test_what_needs_a_look_comes_first(sensor):
+def test_what_needs_a_look_comes_first(sensor, tmp_path, capsys, monkeypatch):
     kinds = [(True, True, False), (True, False, False), (True, True, True), (False, True, False), (True, True, False)]
     assert [result_of(*kind) for kind in kinds] == ["right", "unsure", NONE_OF_THESE, "wrong", "right"]
     named = [(0, 0, True), (0, 0, False), (UNLISTED, UNLISTED, True), (0, 1, True), (1, 1, True)]
     namings = [Identification(truth, name, 0.9, (0, 1), certain) for truth, name, certain in named]
-    found = Identified(sensor, [], namings)
+    found = Identified(sensor, [], namings, left_out=["broken.obj is left out"])
+    command = Identify(folder=tmp_path, out=tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(Identified, "save", lambda *_: "page")
+        command.report(found)
+    said = capsys.readouterr().out.splitlines()
+    assert said[-2:] == ["bodies: 4; left out, as said above: 1", "wrote page"]
     rows = [row[:2] for row in found.table().rows]
     assert rows == [("wrong", 4), ("unsure", 2), (NONE_OF_THESE, 3), ("right", 1), ("right", 5)]
     assert [row["object"] for row in found.rows()] == [1, 2, 3, 4, 5]
