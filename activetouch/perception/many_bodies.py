@@ -36,7 +36,7 @@ from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.solids.family import Family
 from belief.coarse_to_fine import Effort
 from belief.codec import array_field, array_from
-from belief.constraints import NOT_NEGATIVE, Checked, CountOrNone
+from belief.constraints import Checked, CountOrNone, Within
 from belief.errors import InvalidArgument
 from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from belief.observation_model.nested_bodies import NestedBodyModel
@@ -93,7 +93,7 @@ class NestedPlan(Checked):
     look: CloseLook = field(default_factory=CloseLook)
     pressed: int = PRESSED
     check: CountOrNone = 8
-    tolerance: Annotated[float | None, NOT_NEGATIVE] = None
+    tolerance: Annotated[float | None, Within(0.0, 0.1, unit=" m")] = None
 
     def levels_of(self, number: int) -> tuple[int, ...]:
         """The levels of cells for a number of bodies."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,13 @@ from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.solids.solid import Floats, Shape
 from activetouch.tray.resting import Rests, about_vertical, heights_above_floor, rests
-from belief.constraints import Checked, Count, NotNegative, Positive, Probability, Within
+from belief.constraints import Checked, Count, Positive, Probability, Within
 from belief.errors import InvalidArgument
 
 _ATTEMPTS = 10_000  # at placing the objects of a tray
 _OUTLINE = 36  # directions in which outlines are compared
+_Edge: TypeAlias = Annotated[float, Within(0.01, 3.0, unit=" m")]
+_Length: TypeAlias = Annotated[float, Within(0.0, 0.1, unit=" m")]
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,11 @@ class Tray(Checked):
         sizes: smallest and largest factor of an object's size.
     """
 
-    size: tuple[Positive, Positive] = (0.4, 0.3)
+    size: tuple[_Edge, _Edge] = (0.4, 0.3)
     num_objects: Count = 6
     present: Probability = 0.8
-    gap: NotNegative = 0.004
-    height_noise: NotNegative = 0.0003
+    gap: _Length = 0.004
+    height_noise: _Length = 0.0003
     unlisted: Probability = 0.0
     push: Annotated[float, Within(0.0, 0.005)] = 0.0
     sizes: tuple[Positive, Positive] = (0.97, 1.03)

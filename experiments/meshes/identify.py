@@ -16,7 +16,7 @@ from activetouch.pose_belief import PoseBelief
 from activetouch.poses import WorldObject
 from activetouch.scene import Scene
 from activetouch.sensor.searching import STRANGERS
-from belief.constraints import CountOrNone, NotNegative, Probability, Within, require_rule
+from belief.constraints import CountOrNone, Probability, Within, require_rule
 from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.opinion import read_opinion
@@ -369,7 +369,7 @@ class Identify(MeshOptions):
     """Angle [deg] within which it must be known how an object lies before its touches end; says how each lies."""
     check: CountOrNone = 8
     """Presses of a probable body, in simulation, in each touched pose, before it is named; 0 for no check."""
-    tolerance: NotNegative | None = None
+    tolerance: Annotated[float | None, Within(0.0, 0.1, unit=" m")] = None
     """By how much the surface of an object may differ from its file [m]; a hundredth of the radius by default."""
     decider: str | None = None
     """Decider, as of compare; one that stops by the target's probability chooses the sides alone. By default

@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from activetouch import Scene, drawer
 from activetouch.errors import WrongScene
 from activetouch.named_scenes import SCENES
+from activetouch.perception.many_bodies import NestedPlan
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import MODELS
 from activetouch.shapes import EXTENDED_SHAPES as SHAPES
@@ -118,6 +119,16 @@ def test_a_tray_that_is_too_small_says_so():
         TrayWorld.drawn(SCENES["coarse"].scene, Tray(size=(0.03, 0.03), num_objects=1), 0, np.random.default_rng(0))
     with pytest.raises(InvalidArgument, match="need more than"):
         TrayWorld.drawn(SCENES["coarse"].scene, Tray(num_objects=6), 0, np.random.default_rng(0))
+
+
+def test_a_tray_in_another_unit_says_in_which_it_is():
+    for wrong in ({"size": (400.0, 300.0)}, {"size": (4e-4, 3e-4)}, {"gap": 4.0}, {"height_noise": 0.3}):
+        with pytest.raises(InvalidArgument, match=r"must be a number in \[[\d., ]+\] m, got"):
+            Tray(**wrong)
+    with pytest.raises(BadArgument, match=r"--size must be a number in \[10, 3000\] mm, got 0.4"):
+        Drawer(size=(0.4, 0.3)).run()
+    with pytest.raises(InvalidArgument, match=r"tolerance must be a number in \[0, 0.1\] m, got 0.5"):
+        NestedPlan(tolerance=0.5)
 
 
 def test_a_press_meets_the_highest_object_or_the_floor(sensor):

@@ -11,13 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import tyro
 
 from activetouch.tray.world import Tray
-from belief.constraints import NotNegative, Positive, Probability, Share, Within
+from belief.constraints import NotNegative, Probability, Share, Within
 from belief.errors import InvalidArgument
 from belief.files import claim_folder, ends_claims
 from belief.statistics.comparison import wilson_interval
@@ -36,6 +36,7 @@ from planners.tray_session import TrayEpisode
 Shapes = Mapping[str, Any] | Sequence[Path | str] | Path | None
 USUAL_DECIDERS, USUAL_SEARCHES = ("information_per_cost", "raster"), 24
 """What the command plays by default."""
+_Edge: TypeAlias = Annotated[float, Within(10.0, 3000.0, unit=" mm")]
 _AT_ONCE = 4  # searches of a task
 _FILE = "episodes.jsonl"
 
@@ -257,7 +258,7 @@ class Drawer:
     """Objects in the tray."""
     present: Probability = 0.8
     """Probability that the target is in the tray."""
-    size: tuple[Positive, Positive] = (400.0, 300.0)
+    size: tuple[_Edge, _Edge] = (400.0, 300.0)
     """Length and width of the tray [mm]."""
     strangers: Path | None = None
     """Folder of mesh files of other objects, which lie among these."""
