@@ -10,7 +10,9 @@ A :class:`Session` returns each action and waits for its result. :func:`planners
 >>> session.ask()
 Probe(pose=0)
 >>> session.tell(model.sample(0, [0], rng)[0])                 # as felt in the pose that was asked for
+'touch'
 >>> session.tell(model.sample(0, [2], rng)[0])                 # a touch in another pose is evidence as well
+'touch'
 >>> session.undo()                                             # but that one was a mistake
 'touch'
 >>> len(session.steps), session.ask(), session.outcome is None
