@@ -1,6 +1,6 @@
 """Objects of none of the shapes, named by a robot's session: with and without a prior for them, and with doubts.
 
-    python -m benchmarks.strangers gel --objects 100 --seed 1
+    python -m benchmarks.strangers gel --objects 50 --seeds 1 2
 
 Each object is touched until something has the probability 0.95, at most 16 times. Half of the objects have a listed
 shape, the others are random bodies that no training used. Sensors: as described, and with doubts about its state and
@@ -55,24 +55,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene")
     parser.add_argument("--world", default="", help="a condition of robustness; as trained by default")
-    parser.add_argument("--objects", type=int, default=100, help="of each kind")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--objects", type=int, default=50, help="of each kind, for each seed")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     rows = [(sensor, prior, listed) for sensor in SENSORS for prior in PRIORS for listed in (True, False)]
     tasks = [
-        partial(named, given.scene, sensor, given.world, prior, listed, given.objects, given.seed)
+        partial(named, given.scene, sensor, given.world, prior, listed, given.objects, seed)
         for sensor, prior, listed in rows
+        for seed in given.seeds
     ]
-    found = run_tasks(tasks, given.jobs, "settings")
-    table = []
+    found = np.array(run_tasks(tasks, given.jobs, "settings")).reshape(len(rows), len(given.seeds), -1)
+    table, number = [], given.objects * len(given.seeds)
     for (sensor, prior, listed), ends in zip(rows, found, strict=True):
-        low, high = wilson_interval(int(ends[1]), given.objects)
-        interval = f"{low:.2f}–{high:.2f}"
-        table.append((sensor, prior, "listed" if listed else "strange", *map(int, ends[:2]), interval, *ends[2:]))
+        right, wrong, none, unsure = ends[:, :-1].sum(axis=0).astype(int).tolist()
+        low, high = wilson_interval(wrong, number)
+        kind = "listed" if listed else "strange"
+        table.append((sensor, prior, kind, right, wrong, f"{low:.2f}–{high:.2f}", none, unsure, ends[:, -1].mean()))
     columns = ["sensor", ("prior", ".2f"), "objects", ("right", "d"), ("wrong", "d"), "wrong, 95 %"]
     columns += [(NONE_OF_THESE, "d"), ("unsure", "d"), ("touches", ".2f")]
-    title = f"{given.scene}, {given.world or AS_TRAINED}: {given.objects} objects a row, seed {given.seed}"
+    title = f"{given.scene}, {given.world or AS_TRAINED}: {number} objects a row"
     print(Table(title, columns, table))
 
 
