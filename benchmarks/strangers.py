@@ -65,7 +65,7 @@ def main() -> None:
         for sensor, prior, listed in rows
         for seed in given.seeds
     ]
-    found = np.array(run_tasks(tasks, given.jobs, "settings")).reshape(len(rows), len(given.seeds), -1)
+    found = np.array(list(run_tasks(tasks, given.jobs, "settings"))).reshape(len(rows), len(given.seeds), -1)
     table, number = [], given.objects * len(given.seeds)
     for (sensor, prior, listed), ends in zip(rows, found, strict=True):
         right, wrong, none, unsure = ends[:, :-1].sum(axis=0).astype(int).tolist()
