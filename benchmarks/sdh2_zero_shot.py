@@ -99,7 +99,8 @@ def named(name: str, sensor: TactileSensor, grasps: Sequence[tuple[str, np.ndarr
     stops, touches, larger = [], [], sensor.scene.image_shape[0] // PIXELS
     for place, (shape, images) in enumerate(grasps):
         for seed in range(number):
-            session, order = sensor.naming(seed=seed), np.random.default_rng([place, seed]).permutation(len(images))
+            session = sensor.naming(seed=seed, unlisted=0.0)  # all have a listed shape
+            order = np.random.default_rng([place, seed]).permutation(len(images))
             while isinstance(session.ask(), Probe):
                 image = images[order[session.step % len(order)]]
                 session.tell(image=np.kron(image, np.ones((larger, larger), np.uint8)))

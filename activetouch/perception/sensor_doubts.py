@@ -305,7 +305,7 @@ class SensorDoubts:
         """See :class:`belief.observation_model.doubted_sensor.Doubts`: of random bodies and of few hypotheses."""
         number, total = one.sums.get("stranger", (0, np.zeros(1)))
         for touch in one.again[number:]:
-            total = total + log_normalisers(self._random[0], _features(touch)[None], 1.0 / _SOFTER)
+            total = total + log_normalisers(self._described_bodies, _features(touch)[None], 1.0 / _SOFTER)
         one.sums["stranger"] = len(one.again), total
         return float(total[0] - self._coarsely(one)[0]) + math.log(_FEW * len(self.scene.shape_labels))
 
@@ -335,6 +335,11 @@ class SensorDoubts:
             return SimulatedTouches.of(strange, bodies)
         known = of_shapes.embeddings
         return SimulatedTouches.of(np.concatenate([known, strange]), np.append(BODIES + np.arange(len(known)), bodies))
+
+    @cached_property
+    def _described_bodies(self) -> Floats32:
+        """Embedded views of random bodies in the described state, ``(B, D)``: before any doubt no others are asked."""
+        return random_views(self._hypotheses, self.imaging.code(self.described), BODIES)[0]
 
     @cached_property
     def _random(self) -> Floats32:

@@ -44,7 +44,7 @@ _NOISES, _STIFFNESSES, _FORCES = (1.0, 1.6, 2.5), (1.0, 0.4, 0.65, 1.5), (1.0, 0
 _ALONE = {"noise": (3.6, 6.0), "gain": (0.8, 1.2), "blur": (0.02, 0.05, 0.12, 0.25), "hysteresis": (0.04, 0.09)}
 _SHIFTS = 0.035, 0.075, 0.15, 0.25  # parts of the edge of the image
 _SIMULATED = 6144  # touches of a scene's bodies in all states, about
-BODIES = 128
+BODIES = 64
 """Random bodies, in a few views each, that stand for objects of none of the shapes."""
 _UNKNOWN = 0.005  # prior probability of a described pad that is like none of those that its description allows
 _SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
