@@ -245,8 +245,8 @@ def naming_session(
     >>> model, rng = random_model(np.random.default_rng(0), sharpness=4.0), np.random.default_rng(1)
     >>> session = naming_session(GivenOrder(("a", "b", "c")), model, ("a", "b", "c"))
     >>> while isinstance(action := session.ask(), Probe):
-    ...     session.tell(model.sample(2, [action.pose], rng)[0])
-    >>> session.tell()
+    ...     _ = session.tell(model.sample(2, [action.pose], rng)[0])
+    >>> _ = session.tell()
     >>> str(session.outcome), session.answer, session.stated > 0.95
     ('confirmed', 'shape_2', True)
     """
