@@ -423,7 +423,7 @@ def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = ()) -> Floats:
     cells = unmasked(values, "cases")
     if cells.dtype.kind in "OSU" and cells.ndim != 2:
         raise InvalidArgument(
-            "cases must be a list of rows of equal length, or of dictionaries, such as list() of a csv.DictReader, got "
+            "cases must be rows of equal length, or dictionaries, such as list() of a csv.DictReader, got "
             f"{type(values).__name__} of shape {cells.shape}"
         )
     if cells.dtype.kind in "OSU":  # of a spreadsheet

@@ -335,7 +335,7 @@ def test_rows_of_a_csv_file_are_read_by_their_names(rng):
     for cases, words in (
         ([rows[0], {"age": "3"}], r"all have the columns age, fever, got .* in row 1 \(from 0\)"),
         ([["1", "inf"], ["2", "3"]], r"finite numbers .* got inf in row 0 \(from 0\)"),
-        (csv.DictReader(lines), r"rows of equal length, or of dictionaries, such as list\(\) of a csv.DictReader"),
+        (csv.DictReader(lines), r"rows of equal length, or dictionaries, such as list\(\) of a csv.DictReader"),
         ([["1_0", 2.0], [1.0, 2.0]], "column 0 of cases is '1_0' in row 0 .*, no number; missing values are NaN, None"),
     ):
         with pytest.raises(InvalidArgument, match=words):
