@@ -174,7 +174,7 @@ class ActiveClassification(FrozenArrays):
 
         Args:
             cases: values of columns, ``(n, C)``, finite numbers, also as text, or words; NaN, None or "" where missing.
-                A data frame, an array, or a list of rows or of dictionaries, such as the ``list`` of a ``csv.DictReader``.
+                A data frame, an array, or a list of rows or of dictionaries, such as that of a ``csv.DictReader``.
             labels: class of each case, ``(n,)``, any values that can be sorted.
             actions: names of the P actions; by default those of the columns of a data frame or of dictionaries.
             groups: columns that one action shows, for each action; by default each column is an action.
