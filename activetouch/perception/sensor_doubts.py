@@ -311,30 +311,35 @@ class SensorDoubts:
 
     def log_strangers(self, one: DoubtedEvidence) -> Floats:
         """See :class:`belief.observation_model.doubted_sensor.Doubts`: a random body in every touch."""
-        body, alone = joint_model(self.states()), joint_evidence(one.inferred.nominal)
+        body, alone = joint_model(one.model.states), joint_evidence(one.inferred.nominal)
         assert body is not None, "of a rigid body"
         assert alone is not None, "of a rigid body"
+        any_body = self._any_body(one.model.states.simulated)
         number, felt = one.sums.get("strangers", (0, np.zeros((0, len(self._random) + 1))))
         for touch in one.again[number:]:
             scores = self._random @ scaled(body.embedding_of(touch), body.temperature)[0].astype(np.float32)
             some = logsumexp(scores, axis=1) - math.log(scores.shape[1])
-            felt = np.vstack([felt, np.append(some, self._any_body.e_value(body.embedding_of(touch)[0]))])
+            felt = np.vstack([felt, np.append(some, any_body.e_value(body.embedding_of(touch)[0]))])
         one.sums["strangers"] = len(one.again), felt
         poses = np.array([[int(touch.pose) for touch in one.again]])
         found = repeat_shares(poses, body.correlation, body.drift)[0] @ felt[:, :-1] - alone.constant
         return np.append(found, math.log(felt[:, -1].mean()))
 
-    @cached_property
-    def _any_body(self) -> SimulatedTouches:
+    def _any_body(self, of_shapes: SimulatedTouches | None) -> SimulatedTouches:
         """Touches of the shapes and of random bodies in all states."""
-        of_shapes, listed = self.states().simulated, self._listed[1]
-        others = SensorState(*(part[1:] for part in listed))
-        strange = simulated_touches(self.reader, self.scene, others, are_strangers=True)
-        bodies = np.arange(len(strange)) // VIEWS % BODIES
-        if of_shapes is None:
-            return SimulatedTouches.of(strange, bodies)
-        known = of_shapes.embeddings
-        return SimulatedTouches.of(np.concatenate([known, strange]), np.append(BODIES + np.arange(len(known)), bodies))
+        if "any" not in self._simulated:
+            others = SensorState(*(part[1:] for part in self._listed[1]))
+            strange = simulated_touches(self.reader, self.scene, others, are_strangers=True)
+            bodies, every = np.arange(len(strange)) // VIEWS % BODIES, strange
+            if of_shapes is not None:
+                every = np.concatenate([strange, of_shapes.embeddings])
+                bodies = np.append(bodies, BODIES + np.arange(len(of_shapes.embeddings)))
+            self._simulated["any"] = SimulatedTouches.of(every, bodies)
+        return self._simulated["any"]
+
+    @cached_property
+    def _simulated(self) -> dict[str, SimulatedTouches]:
+        return {}
 
     @cached_property
     def _described_bodies(self) -> Floats32:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from activetouch import PadDescription, Response, TactileSensor, Taxels, read_pad
+from activetouch import PadDescription, Response, TactileSensor, Taxels, TouchWorld, read_pad
 from activetouch.errors import SceneShift
 from activetouch.perception.described_pads import EXAMPLE, RANGES, responses_beyond
 from activetouch.perception.imaging import SAMPLES, SensorState, imaging_of_pad
@@ -13,6 +13,7 @@ from activetouch.perception.reader import TactileReader, resized
 from activetouch.sensor.any_pad import READER, reader_of_pad, sensor_of_pad
 from activetouch.sensor_files import ANY_OBJECT_FILE, PAD_FILE
 from belief import Probe
+from belief.naming import UNLISTED
 
 SMALL = PadDescription(Taxels.grid(4, 4, 0.005), is_relative=True)
 LONG = PadDescription(Taxels.grid(12, 3, 0.002), is_relative=True)
@@ -132,6 +133,12 @@ def test_noise_is_no_touch_of_a_pad_that_its_description_allows(few_hypotheses):
         return other.press(bodies[session.object_index], asked.pose, rng).image
 
     assert ends(sensor, felt, 0) != "unsure"
+
+    rng, session = np.random.default_rng(0), sensor.naming()  # which weighs bodies of none of the shapes on each pad
+    stranger = TouchWorld.sample(sensor, [UNLISTED], rng)
+    for pose in (0, 2):
+        session.tell(stranger.touch(pose, rng))
+    assert session.belief.unlisted > 0.05
 
 
 @pytest.mark.torch
