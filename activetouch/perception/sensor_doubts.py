@@ -317,9 +317,10 @@ class SensorDoubts:
         any_body = self._any_body(one.model.states.simulated)
         number, felt = one.sums.get("strangers", (0, np.zeros((0, len(self._random) + 1))))
         for touch in one.again[number:]:
-            scores = self._random @ scaled(body.embedding_of(touch), body.temperature)[0].astype(np.float32)
+            embedding = body.embedding_of(touch)
+            scores = self._random @ scaled(embedding, body.temperature)[0].astype(np.float32)
             some = logsumexp(scores, axis=1) - math.log(scores.shape[1])
-            felt = np.vstack([felt, np.append(some, any_body.e_value(body.embedding_of(touch)[0]))])
+            felt = np.vstack([felt, np.append(some, any_body.e_value(embedding[0]))])
         one.sums["strangers"] = len(one.again), felt
         poses = np.array([[int(touch.pose) for touch in one.again]])
         found = repeat_shares(poses, body.correlation, body.drift)[0] @ felt[:, :-1] - alone.constant

@@ -186,16 +186,17 @@ def simulated_touches(
 
     def make() -> Floats32:
         rng, found = np.random.default_rng(0), []
-        pressed = PressedBeliefs(scene, imaging, scene.hypotheses(HYPOTHESES), cell_of(HYPOTHESES))
-        views = np.concatenate(list(views_of_bodies(imaging.window, BODIES))) if are_strangers else None
-        for state, shape in product(range(len(every.noise)), range(shapes)):
-            own = SensorState(*(part[state : state + 1] for part in every))
-            if views is not None:
+        states_of = [SensorState(*(part[state : state + 1] for part in every)) for state in range(len(every.noise))]
+        if are_strangers:
+            views = np.concatenate(list(views_of_bodies(imaging.window, BODIES)))
+            for state, own in enumerate(states_of):
                 some = np.arange(state * number, (state + 1) * number) % len(views)
                 found.append(images_of(imaging, views[some], own, rng, imaging.pixels))
-                continue
-            chosen, pose = rng.integers(HYPOTHESES, size=number), int(rng.integers(poses))
-            found.append(pressed.pressed(shape, chosen, pose, own, rng, imaging.pixels))
+        else:
+            pressed = PressedBeliefs(scene, imaging, scene.hypotheses(HYPOTHESES), cell_of(HYPOTHESES))
+            for own, shape in product(states_of, range(shapes)):
+                chosen, pose = rng.integers(HYPOTHESES, size=number), int(rng.integers(poses))
+                found.append(pressed.pressed(shape, chosen, pose, own, rng, imaging.pixels))
         return reader.run(np.rint(255 * np.concatenate(found)).astype(np.uint8))[0]
 
     state = [(np.round(imaging.code(every), 6) + 0.0).tolist(), number, *["in turn"] * are_strangers]

@@ -97,7 +97,8 @@ class Benchmark:
             raise BadArgument(f"{self.out} holds the searches of {other}: give another --out, or remove it")
         submission, why = play(card, agent, self.words, hidden, self.jobs)
         submission.save(self.out)
-        known = [card.beside()] if card.beside().rows else []
+        beside = card.beside()
+        known = [beside] if beside.rows else []
         print(*tables(check([self.out], 0.0, hidden)), *known, *filter(None, [why]), f"wrote {self.out}", sep="\n\n")
 
 
