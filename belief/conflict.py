@@ -68,6 +68,7 @@ _LEAST_WIDTH = 1e-2  # of log distances, and of misfits [nats]
 _WIDEST = 1e3  # score
 _MOST_GROUPS = 6
 _IN_A_GROUP = 50  # objects, at least
+_SMALLEST = 0.05  # quantile of distances that are taken as hardly different
 _HIGH = 0.8  # quantile; its distance from the median is the width
 
 
@@ -304,10 +305,19 @@ class ObjectConflict:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedTouches(FrozenArrays):
-    """Tests that a touch is like simulated ones, by the distance of its embedding to the nearest of them.
+    """Tests that a touch is like those simulated in some state of a sensor, by distances between embeddings.
 
-    ``embeddings (B, D)`` are of the simulated touches, B ≥ 2; ``distances (B,)``, increasing, of each to the nearest
-    other one.
+    The distance to the nearest touch of a state is compared with those within this state, because touches of a noisy
+    sensor are far from each other. So a strange touch is far from the touches of every state.
+
+    Attributes:
+        embeddings: of the simulated touches, state by state, ``(B, D)``.
+        starts: place of the first touch of each state, ``(S,)``.
+        levels: median of the log squared distances within each state, ``(S,)``.
+        widths: their spread above the median, ``(S,)``.
+        scores: of each touch, the least of its standardised distances to the other touches of a state, increasing,
+            ``(B,)``.
+        nearest: a squared distance that is added to all, so that the logarithm of the smallest ones is not extreme.
 
     >>> known = SimulatedTouches.of(np.random.default_rng(0).normal(size=(500, 3)))
     >>> [round(known.e_value(np.full(3, place)), 1) for place in (0.0, 9.0)]
@@ -315,26 +325,57 @@ class SimulatedTouches(FrozenArrays):
     """
 
     embeddings: NDArray[np.float32]
-    distances: NDArray[np.float32]
+    starts: NDArray[np.int64]
+    levels: Floats
+    widths: Floats
+    scores: Floats
+    nearest: float = 0.0
 
     @classmethod
-    def of(cls, embeddings: NDArray[np.floating], groups: ArrayLike | None = None) -> SimulatedTouches:
-        """Of the embeddings ``(B, D)`` of simulated touches; those of one of the ``groups (B,)`` are not compared."""
-        owners = np.arange(len(embeddings)) if groups is None else np.asarray(groups)
-        found = cls(np.asarray(embeddings, np.float32), np.zeros(len(embeddings), np.float32))
-        nearest = np.empty(len(embeddings), np.float32)
-        for first in range(0, len(embeddings), _AT_ONCE):
-            some = np.arange(first, min(first + _AT_ONCE, len(embeddings)))
-            away = found._to_each(found.embeddings[some])
-            away[owners[some][:, None] == owners] = np.inf
-            nearest[some] = away.min(axis=1)
-        return replace(found, distances=np.sort(nearest))
+    def of(
+        cls, embeddings: NDArray[np.floating], states: ArrayLike | None = None, owners: ArrayLike | None = None
+    ) -> SimulatedTouches:
+        """Of the embeddings ``(B, D)`` of touches in ``states (B,)``, one state by default.
+
+        Those of one of the ``owners (B,)``, as of one body, are not compared; each state has two owners or more.
+        """
+        number = len(embeddings)
+        group = np.zeros(number, int) if states is None else np.unique(np.asarray(states), return_inverse=True)[1]
+        order = np.argsort(group, kind="stable")
+        group, owner = group[order], (np.arange(number) if owners is None else np.asarray(owners))[order]
+        starts, flat = group.searchsorted(np.arange(group[-1] + 1)), np.zeros(group[-1] + 1)
+        found = cls(np.asarray(embeddings, np.float32)[order], starts, flat, flat + 1.0, np.zeros(number))
+        away = np.empty((number, len(starts)))
+        for first in range(0, number, _AT_ONCE):
+            some = np.arange(first, min(first + _AT_ONCE, number))
+            each = found._to_each(found.embeddings[some])
+            each[owner[some][:, None] == owner] = np.inf
+            away[some] = np.minimum.reduceat(each, starts, axis=1)
+        nearest = float(np.quantile(away.min(axis=1), _SMALLEST))
+        logs = _logs(away + nearest)
+        within = np.split(logs[np.arange(number), group], starts[1:])
+        levels = np.array([np.median(one) for one in within])
+        highs = np.array([np.quantile(one, _HIGH) for one in within])
+        widths = np.maximum(highs - levels, _LEAST_WIDTH)
+        return replace(
+            found,
+            levels=levels,
+            widths=widths,
+            scores=np.sort(((logs - levels) / widths).min(axis=1)),
+            nearest=nearest,
+        )
+
+    @property
+    def states(self) -> NDArray[np.int64]:
+        """State of each touch, ``(B,)``."""
+        return np.arange(len(self.starts)).repeat(np.diff(self.starts, append=len(self.embeddings)))
 
     def e_value(self, embedding: Floats) -> float:
         """E-value of ``embedding (D,)`` against "one more simulated touch": the mean of bets on a low p-value."""
-        number = len(self.distances)
-        farther = number - int(self.distances.searchsorted(self._to_each(np.asarray(embedding)[None]).min()))
-        log_p = log((1 + farther) / (number + 1))
+        away = np.minimum.reduceat(self._to_each(np.asarray(embedding)[None])[0], self.starts)
+        score = ((_logs(away + self.nearest) - self.levels) / self.widths).min()
+        number = len(self.scores)
+        log_p = log((1 + number - int(self.scores.searchsorted(score))) / (number + 1))
         return float(np.exp(_LOG_KEPT[NOVELTY, :3] - _POWERS[NOVELTY, :3] * log_p).mean())
 
     def _to_each(self, embeddings: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -345,6 +386,12 @@ class SimulatedTouches(FrozenArrays):
     @cached_property
     def _squares(self) -> NDArray[np.float32]:
         return np.square(self.embeddings).sum(axis=1)
+
+
+def _logs(squares: NDArray[np.floating]) -> Floats:
+    """Logarithms of squared distances, finite for those that rounding made negative and for infinite ones."""
+    limits = np.finfo(np.float32)
+    return np.asarray(np.log(np.clip(squares, limits.tiny, limits.max)), np.float64)
 
 
 def log_conflict(log_bets: Iterable[Floats]) -> float:

@@ -39,6 +39,7 @@ from activetouch.perception.sensor_worlds import (
     in_unknown_state,
     listed_states,
     simulated_touches,
+    state_of_each,
     with_changes,
 )
 from activetouch.poses import turned
@@ -331,11 +332,12 @@ class SensorDoubts:
         if "any" not in self._simulated:
             others = SensorState(*(part[1:] for part in self._listed[1]))
             strange = simulated_touches(self.reader, self.scene, others, are_strangers=True)
-            bodies, every = np.arange(len(strange)) // VIEWS % BODIES, strange
+            bodies, every, states = np.arange(len(strange)) // VIEWS % BODIES, strange, state_of_each(strange, others)
             if of_shapes is not None:
                 every = np.concatenate([strange, of_shapes.embeddings])
                 bodies = np.append(bodies, BODIES + np.arange(len(of_shapes.embeddings)))
-            self._simulated["any"] = SimulatedTouches.of(every, bodies)
+                states = np.append(states, of_shapes.states)
+            self._simulated["any"] = SimulatedTouches.of(every, states, bodies)
         return self._simulated["any"]
 
     @cached_property

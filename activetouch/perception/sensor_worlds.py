@@ -164,9 +164,15 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
     prior = spread_prior(len(labels))
     if hypotheses.imaging.described is not None:
         prior = spread_prior(len(labels), (1.0 - _UNKNOWN) / (1 + len(labels)), _UNKNOWN)
-    simulated = SimulatedTouches.of(simulated_touches(reader, scene, states))
+    touches = simulated_touches(reader, scene, states)
+    simulated = SimulatedTouches.of(touches, state_of_each(touches, states))
     worlds = EmbeddedWorlds(hypotheses, scene, states)
     return SensorHealthModel(described, worlds, labels, prior, simulated=simulated)
+
+
+def state_of_each(touches: Floats32, states: SensorState) -> NDArray[np.int64]:
+    """State of each of the :func:`simulated_touches`: 0 is that of the scene."""
+    return np.arange(len(touches)) // (len(touches) // (1 + len(states.noise)))
 
 
 def simulated_touches(

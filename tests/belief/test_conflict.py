@@ -202,3 +202,17 @@ def test_a_touch_is_bet_on_by_its_distance_to_simulated_ones(rng):
     assert np.median(usual) < 0.8
     assert known.e_value(np.full(6, 5.0)) > 30.0
     assert known.e_value(known.embeddings[0]) == pytest.approx((1.0 + 0.5 + 0.2) / 3.0)
+
+
+def test_touches_of_a_noisy_state_are_compared_with_each_other(rng):
+    """They are far from each other, and one in forty of the simulated ones."""
+    noise = 6.0 * rng.normal(size=(140, 6)) + 30.0 * np.eye(6)[0]
+    every, states = np.concatenate([rng.normal(size=(3900, 6)), noise[:100]]), np.arange(4000) >= 3900
+    known, pooled = SimulatedTouches.of(every, states), SimulatedTouches.of(every)
+    felt = [[one.e_value(touch) for touch in noise[100:]] for one in (known, pooled)]
+    assert np.mean(felt[0]) < 1.2 < 5.0 < np.mean(felt[1])
+    assert np.mean([known.e_value(touch) for touch in rng.normal(size=(400, 6))]) < 1.2
+    assert known.e_value(np.full(6, 40.0)) > 30.0
+    other_way = SimulatedTouches.of(every[::-1], states[::-1])
+    assert [other_way.e_value(touch) for touch in noise[100:]] == pytest.approx(felt[0])
+    assert np.bincount(other_way.states).tolist() == [3900, 100]
