@@ -168,6 +168,8 @@ def _read(name: str, value: Any, kind: Any, marks: tuple[Any, ...] = ()) -> Any:
             return value
         raise InvalidArgument(f"{name} must be one of {', '.join(map(str, parts))}; got {shown(value)}")
     elif origin is tuple and isinstance(value, list | tuple):
+        if parts[-1] is Ellipsis and _are_plain(value, parts[0]):
+            return tuple(value)
         kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
         if len(kinds) == len(value):
             return tuple(_read(f"{name}[{i}]", *pair, marks) for i, pair in enumerate(zip(value, kinds, strict=True)))
@@ -187,6 +189,15 @@ def _read(name: str, value: Any, kind: Any, marks: tuple[Any, ...] = ()) -> Any:
     elif isinstance(kind, type) and (issubclass(kind, Enum) or (issubclass(kind, Path) and isinstance(value, str))):
         return kind(value)
     raise InvalidArgument(f"{name} must be {getattr(kind, '__name__', kind)}, got {shown(value)}")
+
+
+def _are_plain(values: list[Any] | tuple[Any, ...], kind: Any) -> bool:
+    """Whether each value is a text or a finite number of the type or union ``kind``, so that none is read by itself."""
+    kinds = get_args(kind) or (kind,)
+    if not all(one in (int, float, str) for one in kinds):
+        return False
+    allowed = {*kinds, int} if float in kinds else set(kinds)
+    return allowed.issuperset(map(type, values)) and are_finite(*(one for one in values if type(one) is not str))
 
 
 def _read_one(name: str, value: Any, kinds: tuple[Any, ...], marks: tuple[Any, ...]) -> Any:

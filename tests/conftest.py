@@ -153,12 +153,17 @@ def usual_pictures():
 @pytest.fixture
 def few_hypotheses(monkeypatch):
     """Sensors of any object are prepared with few contacts and touches: what is run counts, not how well it reads."""
-    from activetouch.perception import preparation
+    from activetouch.perception import described_pads, preparation, proportions, sensor_worlds
     from activetouch.perception.contacts import hypotheses
 
     for module, name, number in (
+        (described_pads, "PADS", 6),
+        (proportions, "_HYPOTHESES", 64),
+        (sensor_worlds, "_SIMULATED", 1024),
         (hypotheses, "FEWEST", 64),
         (hypotheses, "MOST", 64),
         (preparation, "_TOUCHES", 10),
     ):
         monkeypatch.setattr(module, name, number)
+    made = sensor_worlds.EmbeddedWorlds.__init__
+    monkeypatch.setattr(made, "__defaults__", (64, *made.__defaults__[1:]))

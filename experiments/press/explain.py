@@ -21,11 +21,12 @@ from belief.table import Table, Tabular
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import ALIKE, near_twins
-from experiments.meshes.setting import model_of, sensor_of
+from experiments.meshes.setting import model_of, plan_of, sensor_of
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
 
 _MOST_PAIRS = 12  # of shapes that feel alike, in a list
+_PLAN = plan_of(check=0)  # two bodies of a list are compared, and none is a stranger
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def _alike_words(scene: Scene, name: str, described: Path | None, jobs: int) -> 
         own, parts = SCENES[name].scene, ("pad", "renderer", "hand")
         if changed := [part for part in parts if getattr(scene, part) != getattr(own, part)]:
             return [f"Shapes are not compared: the reader of {name} was trained for another {' and '.join(changed)}."]
-    twins = near_twins(model_of(sensor_of(scene.solids, described or name, jobs=jobs)))
+    twins = near_twins(model_of(sensor_of(scene.solids, described or name, _PLAN, jobs)))
     found = [f"{twin}." for twin in twins[:_MOST_PAIRS]] or [
         f"No two shapes feel nearly alike: from 26 directions, a touch favours the true one {np.exp(ALIKE):.1f} times "
         f"or more against any other ({ALIKE} nats)."

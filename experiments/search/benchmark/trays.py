@@ -46,14 +46,15 @@ class TrayTask(Checked):
         """Searches for a target by a decider, or by the actions of a record where there is one."""
         found, seconds = list[Played](), Seconds()
         for place, number in enumerate(numbers):
-            player = _Following(self, record[place].actions) if record else decider
+            player = _Following(self.made.grid, record[place].actions) if record else decider
             played, spent = self._played((seed, number), target, player)
             found.append(played)
             seconds += spent
         return PlayedBatch(target, numbers[0], seconds, tuple(found))
 
     def _played(self, key: tuple[int, int], target: str, decider: Any) -> tuple[Played, Seconds]:
-        sensor, grid = self.made, self.made.grid
+        sensor = self.made
+        grid = sensor.grid
         index = sensor.shape_labels.index(target)
         session = sensor.session(target, decider, (*key, index, 1))
         touched, felt = sensor.touched(target, key), hashlib.sha256()
@@ -84,9 +85,10 @@ class TrayTask(Checked):
 
     def judged(self, key: tuple[int, int], target: str, search: Played) -> tuple[Outcome, bool, int, float] | str:
         """How actions end a search, whether that is right, its touches and its return; or what is wrong with them."""
-        sensor, grid = self.made, self.made.grid
+        sensor = self.made
+        grid = sensor.grid
         try:
-            *presses, answer = [self.action(one) for one in search.actions]
+            *presses, answer = [_action(one, grid) for one in search.actions]
         except (ValueError, KeyError) as error:
             return f"there is no such action: {error}"
         if not all(isinstance(one, Press) for one in presses) or isinstance(answer, Press):
@@ -100,27 +102,27 @@ class TrayTask(Checked):
         reward = 0.0 if outcome is Outcome.UNSURE else 1.0 if success else -1.0
         return outcome, success, len(presses), reward - self.touch_cost * cost
 
-    def action(self, action: int | str) -> TrayAction:
-        """What an action of a record means; raises ValueError or KeyError for none."""
-        grid = self.made.grid
-        is_here = isinstance(action, str) and action.startswith(_CONFIRM)
-        if isinstance(action, str) and not is_here:
-            return PLACELESS[action]
-        along, across = divmod(int(str(action).removeprefix(_CONFIRM)), grid.cells[1])
-        if not 0 <= along < grid.cells[0]:
-            raise ValueError(f"the tray has {grid.cells[0] * grid.cells[1]} cells, got {action!r:.40}")
-        return ConfirmAt(grid.centre((along, across))) if is_here else Press((along, across))
-
 
 @dataclass(frozen=True)
 class _Following:
     """Follows the recorded actions of a search."""
 
-    task: TrayTask
+    grid: Grid
     actions: Sequence[int | str]
 
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
-        return TrayDecision(self.task.action(self.actions[belief.num_touches]))
+        return TrayDecision(_action(self.actions[belief.num_touches], self.grid))
+
+
+def _action(action: int | str, grid: Grid) -> TrayAction:
+    """What an action of a record means; raises ValueError or KeyError for none."""
+    is_here = isinstance(action, str) and action.startswith(_CONFIRM)
+    if isinstance(action, str) and not is_here:
+        return PLACELESS[action]
+    along, across = divmod(int(str(action).removeprefix(_CONFIRM)), grid.cells[1])
+    if not 0 <= along < grid.cells[0]:
+        raise ValueError(f"the tray has {grid.cells[0] * grid.cells[1]} cells, got {action!r:.40}")
+    return ConfirmAt(grid.centre((along, across))) if is_here else Press((along, across))
 
 
 def _number(cell: tuple[int, int], grid: Grid) -> int:

@@ -11,6 +11,7 @@ import pytest
 from activetouch import PadDescription, Response, TactileSensor, Taxels, predicted_contacts
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import WrongScene
+from activetouch.perception import described_pads
 from activetouch.perception.described_pads import (
     PADS,
     from_state,
@@ -137,7 +138,7 @@ def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
         poses={"front": scene.rotations["front"]},
     )
     sensor = TactileSensor.load(tmp_path, few_bodies)
-    assert len(sensor.model.nominal.world_labels) == PADS
+    assert len(sensor.model.nominal.world_labels) == described_pads.PADS
     episode = sensor.search(sensor.shape_labels[0], seed=1, num_objects=2)
     assert episode.steps
     with pytest.raises(WrongScene):

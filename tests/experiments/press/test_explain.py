@@ -83,7 +83,7 @@ def test_explain_says_what_the_belief_holds_and_what_a_press_costs(capsys):
 def test_explain_names_shapes_that_feel_nearly_alike(monkeypatch, capsys):
     twins = [NearTwins("cube", "cone", 0.5)]
     monkeypatch.setattr(explain, "near_twins", lambda model: twins)
-    monkeypatch.setattr(explain, "sensor_of", lambda solids, sensor, jobs: None)
+    monkeypatch.setattr(explain, "sensor_of", lambda solids, sensor, plan, jobs: None)
     monkeypatch.setattr(explain, "model_of", lambda sensor: None)
     Explain(SceneChoice("coarse"), presses=1).run()
     printed = capsys.readouterr().out
@@ -111,7 +111,8 @@ def test_shapes_are_compared_by_the_reader_of_the_scene_alone(name, monkeypatch)
     assert words == f"Shapes are not compared: the reader of {name} was trained for another hand."
 
 
-def test_shapes_are_compared_on_a_described_pad(tmp_path, capsys):
+def test_shapes_are_compared_on_a_described_pad(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(explain, "_PLAN", replace(explain._PLAN, pressed=8))
     path = tmp_path / "mine.toml"
     known = Response.of({"stiffness": 5e7, "law": 1.0})
     PadDescription(Taxels.grid(4, 4, 0.005), known, is_relative=True).save(path)

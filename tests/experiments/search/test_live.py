@@ -513,7 +513,7 @@ def test_a_sensor_that_is_doubted_weighs_strangers_too(target, given, usual, tmp
 
 
 @pytest.mark.parametrize("kind", ["noise", "blank"])
-def test_noise_has_no_name(kind, tmp_path):
+def test_noise_has_no_name(kind, few_hypotheses, tmp_path):
     rng, options = np.random.default_rng(0), {"sensor": Path("coarse"), "log": tmp_path / "log", "max_touches": 6}
     talk = Live(**options)._begun()
     while (question := asked(talk, do="ask"))["action"] == "touch":

@@ -8,7 +8,7 @@ import trimesh
 
 from activetouch import PadDescription, Response, Taxels, read_meshes, read_pad
 from activetouch.errors import WrongScene
-from activetouch.perception.described_pads import PADS
+from activetouch.perception import described_pads
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief.errors import InvalidArgument
 from benchmarks.pad_fits import RADIUS, simulated
@@ -67,7 +67,7 @@ def test_a_sensor_of_a_pad_and_a_scene_without_it_say_what_does_not_fit_and_what
 def test_a_described_pad_needs_no_training(mine, few_hypotheses, monkeypatch, tmp_path):
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
     sensor = open_sensor(None, SceneChoice("coarse", pad=mine))
-    assert len(sensor.model.nominal.world_labels) == PADS
+    assert len(sensor.model.nominal.world_labels) == described_pads.PADS
     episode = sensor.search("cube", seed=1, num_objects=2)
     told = story(sensor, sensor.problem(2), "", episode)  # of a report: what was felt, and bodies as believed
     assert any(name for name, *_, picture in told["panels"][0]["bars"] if picture is not None)
