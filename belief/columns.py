@@ -1,5 +1,6 @@
 """The one reader of named columns that others made: CSV, also compressed, and npz; bounded, and without running code.
 
+Cells of CSV are separated by commas, or by semicolons or tabs; then numbers may have decimal commas.
 Every message gives the file, the column and the line or row.
 """
 
@@ -14,6 +15,7 @@ from array import array
 from bisect import bisect
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ MOST_BYTES = 256 * 2**20
 MOST_ROWS, MOST_NUMBERS, MOST_CHARACTERS = 2**20, 2**24, 2**26
 """Most rows of a table, most of its numbers, and most characters of a column of names, each as long as the longest."""
 _LONGEST_LINE = 2**22
+_DECIMAL = re.compile(r"\s*[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?\s*")
 _ENDS_A_LINE = re.compile("[\0\v\f\x1a\x1c-\x1e\x85\u2028\u2029\ufeff]")
 
 
@@ -81,7 +84,11 @@ def read_columns(
         rows = _rows(path, error)
         first = [name.strip() if is_case_kept else name.strip().lower() for name in next(rows, (1, []))[1]]
         if header and first != header:
-            raise error(f"{path} has the columns {first[:12]}, {paths[0]} has {header[:12]}")
+            apart = [("also", set(first) - {*header}), ("not", {*header} - set(first))]
+            words = [f"{word} {few(sorted(map(repr, own)))}" for word, own in apart if own] or [
+                "the same in another order"
+            ]
+            raise error(f"{path} has other columns than {paths[0]}: {', and '.join(words)}")
         header = first
         _require_header(path, header, first if is_numeric else names, error, needed)
         labels = [(texts.setdefault(name, []), i) for i, name in enumerate(header) if name in names]
@@ -112,16 +119,16 @@ def read_columns(
     found = Columns(str(path), arrays, table, tuple(header[i] for i in rest), places=(lines, firsts, paths))
     if (wrong := np.argwhere(~np.isfinite(table))).size:
         row, place = wrong[0].tolist()
-        raise error(f"{found.place(row)}: the column {found.headings[place]!r} is '{table[row, place]}', not finite")
+        raise error(
+            f"{found.place(row)}: the column {found.headings[place]!r} is '{table[row, place]}', not finite (leave the "
+            "line out, or fill it)"
+        )
     return found
 
 
 def _require_header(
     path: Path, header: Sequence[str], read: Collection[str], error: type[ActiveTouchError], needed: Sequence[str]
 ) -> None:
-    for sign, word in ((";", "semicolons"), ("\t", "tabs")):
-        if len(header) == 1 and sign in header[0]:
-            raise error(f"{path} is separated by {word}; use commas, and a point in decimals")
     if missing := [name for name in needed if name not in header]:
         raise error(
             f"{path} has no column {' and no column '.join(map(repr, missing))}: it must name the columns, each once, "
@@ -183,10 +190,32 @@ def _require_short(name: str, longest: int, number: int, source: str, error: typ
 
 
 def _rows(path: Path, error: type[ActiveTouchError]) -> Iterator[tuple[int, list[str]]]:
+    lines, begin = lines_of(path, error), list[str]()
+    while not "".join(begin).strip() and (line := next(lines, "")):
+        begin.append(line)
+    header = "".join(begin[-1:])
+    sign = next((sign for sign in ";\t" if sign in header and "," not in header), ",")
     try:
-        yield from csv_rows(lines_of(path, error))
+        rows = csv_rows(chain(begin, lines), sign)
+        yield from rows if sign == "," else _with_points(rows)
     except InvalidArgument as wrong:
         raise error(f"{path}, {wrong}") from wrong
+
+
+def _with_points(rows: Iterable[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
+    """Rows in which the decimal commas of numbers are points."""
+    marks = dict[str, str]()
+    for number, cells in rows:
+        for i, cell in enumerate(cells):
+            if found := _DECIMAL.fullmatch(cell):
+                marks[found[1]] = cell
+                cells[i] = cell.replace(",", ".")
+        if len(marks) > 1:
+            raise InvalidArgument(
+                f"line {number}: numbers have a decimal point, as {marks['.']}, and a decimal comma, as {marks[',']}; "
+                "use one of them"
+            )
+        yield number, cells
 
 
 def lines_of(path: Path, error: type[ActiveTouchError]) -> Iterator[str]:
@@ -215,13 +244,15 @@ def lines_of(path: Path, error: type[ActiveTouchError]) -> Iterator[str]:
         raise error(f"{path} cannot be read: {wrong}") from wrong
 
 
-def csv_rows(lines: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
+def csv_rows(lines: Iterable[str], sign: str = ",") -> Iterator[tuple[int, list[str]]]:
     r"""Rows of CSV, each with the number of its first line, from 1; the first names the columns. No row is blank.
+
+    ``sign`` separates the cells.
 
     >>> list(csv_rows(["a,b\n", "\n", '1,"x\n', 'y"\n']))
     [(1, ['a', 'b']), (3, ['1', 'x\ny'])]
     """
-    reader, last = csv.reader(lines, strict=True), 0
+    reader, last = csv.reader(lines, strict=True, delimiter=sign), 0
     try:
         for cells in reader:
             first, last = last + 1, reader.line_num
@@ -230,7 +261,7 @@ def csv_rows(lines: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
                     f"line {first} holds the character U+{ord(odd[0]):04X} in {odd.string[:40]!r}; leave it out"
                 )
             for parts in (re.split("\r\n|\r|\n", cell) for cell in (cells if last > first else ())):
-                commas = max(part.count(",") for part in (*parts, parts[0] + parts[-1]))
+                commas = max(part.count(sign) for part in (*parts, parts[0] + parts[-1]))
                 if len(parts) > 1 and commas >= len(cells) - 1:
                     raise InvalidArgument(f"line {first}: a quotation mark is not closed before the rows below it")
             if "".join(cells).strip() or len(cells) > 1:

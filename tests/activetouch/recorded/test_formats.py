@@ -42,13 +42,31 @@ def test_a_csv_gives_objects_actions_and_sessions(tmp_path):
     assert touches.sessions.tolist() == [2, 1, 1]
 
 
+@pytest.mark.parametrize("sign", [";", "\t"])
+@pytest.mark.parametrize("point", [".", ","])
+def test_spreadsheets_that_write_semicolons_tabs_or_decimal_commas_are_read(tmp_path, sign, point):
+    rows = "object,session,x,y\nmug,1,0.5,-1.25e3\n\ncan,2,7,.5\n"
+    write_csv(tmp_path, "\n" + rows.replace(",", sign).replace(".", point))
+    touches, _ = read_recorded(tmp_path, "csv")
+    assert touches.object_names == ("can", "mug")
+    assert touches.features.tolist() == [[0.5, -1250.0], [7.0, 0.5]]
+
+
+def test_files_with_other_columns_say_which(tmp_path):
+    write_csv(tmp_path, "object,x,y\nmug,1,2\n", "a.csv")
+    for header, words in (("object,x,z", "also 'z', and not 'y'"), ("object,y,x", "the same in another order")):
+        write_csv(tmp_path, f"{header}\nmug,1,2\n", "b.csv")
+        with pytest.raises(BadRecording, match=f"b.csv has other columns than .*a.csv: {words}"):
+            read_recorded(tmp_path, "csv")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("", "must name the columns"),
         ("thing,x\nmug,1\n", "with 'object' among them"),
-        ("object;x\nmug;0,5\n", "touches.csv is separated by semicolons; use commas, and a point in decimals"),
-        ("object\tx\nmug\t0.5\n", "touches.csv is separated by tabs; use commas"),
+        ("object;x\nmug;0,5\nmug;0.5\n", "line 3: numbers have a decimal point, as 0.5, and a decimal comma, as 0,5"),
+        ("object;x\nmug;1.234,5\n", "'1.234,5', no number .decimals have a point"),
         ("object,sesion,x\nmug,1,1\n", "has a column 'sesion'. Did you mean 'session'. Rename it"),
         ("object,acton,x\nmug,1,1\n", "Did you mean 'action'"),
         ("object,Session,x\nmug,1,1\n", "Did you mean 'session'"),
@@ -58,7 +76,7 @@ def test_a_csv_gives_objects_actions_and_sessions(tmp_path):
         ("object,x\nmug,hot\n", "line 2 .*'x' is 'hot'"),
         ("object,x\nmug,1\n,1\n", "line 3 of .*touches.csv names no object"),
         ("object,session,x\nmug,1,1\nmug,soon,1\n", "line 3 of .*: the session is 'soon'; it must be a whole number"),
-        ("object,x,pressure\nmug,1,1\n\nmug,2,inf\n", "line 4 .*'pressure' is 'inf', not finite"),
+        ("object,x,pressure\nmug,1,1\n\nmug,2,inf\n", "line 4 .*'pressure' is 'inf', not finite .leave the line out"),
         ("object,category,x\nmug,cup,1\nmug,tin,1\n", "line 3 .*two of category: 'tin' here and 'cup' in line 2"),
     ],
 )
