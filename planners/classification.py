@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Number
@@ -37,7 +38,7 @@ from belief.observation_model.context_model import MISSING, ContextModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
 from belief.statistics import wilson_interval
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
-from belief.table import Table, Tabular
+from belief.table import Table, Tabular, Value
 from belief.validation import MOST_REPEATED, Floats, as_real, at, checked_indices, normalise_probs, require_count
 from planners.decider import Decider, Decision, InformationState, ProbeSelector
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain
@@ -185,25 +186,29 @@ class ActiveClassification(FrozenArrays):
         """
         _require_same_rows(cases, labels)
         cases = as_rows(cases)
+        _require_row(labels)
         for place, label in enumerate(labels.ravel().tolist() if isinstance(labels, np.ndarray) else labels):
             if label is None or label != label or label == "":
                 raise InvalidArgument(f"a label is missing{at((place,))}: leave the case out")
         given = np.asarray(labels)
         values, number = np.unique(given, return_inverse=True)
+        names = tuple(str(value) for value in values.tolist())
+        if len(names) < 2:
+            raise InvalidArgument(f"cases must be of two or more classes, got {few(names) or 'none'}")
         code = OutcomeCode.of(cases, groups, num_bins)
         outcomes = code.outcomes(cases)
         if len(number) != len(outcomes):
             raise InvalidArgument(f"{len(outcomes)} cases need as many labels, got {len(number)}")
-        names = tuple(str(value) for value in values.tolist())
         if not len(actions) and groups is None:
             actions = tuple(map(str, getattr(cases, "columns", ())))
         model = fit_contexts(outcomes, number, names, num_contexts, code.sizes(), seed)
         shares = (np.bincount(number, minlength=len(names)) + 1.0) / (len(number) + len(names))
         task = cls(model, actions, code=code, fitted=_checksums(outcomes, number), **{"prior": shares, **settings})
-        known = dict[str, str]()
-        for name in names:
-            if (other := known.setdefault(" ".join(name.casefold().split()), name)) != name:
-                warnings.warn(f"the classes {other!r} and {name!r} differ in spaces or case only", stacklevel=2)
+        for what, alike in (("classes", names), *((f"words of {own}", words) for own, words in code.words_of())):
+            known = dict[str, str]()
+            for name in alike:
+                if (other := known.setdefault(" ".join(name.casefold().split()), name)) != name:
+                    warnings.warn(f"the {what} {other!r} and {name!r} differ in spaces or case only", stacklevel=2)
         if empty := [task.actions[i] for i in np.flatnonzero((outcomes == MISSING).all(axis=0)).tolist()]:
             warnings.warn(f"no case has a value of {few(empty)}: leave out what is never seen", stacklevel=2)
         return task
@@ -386,6 +391,7 @@ class ActiveClassification(FrozenArrays):
         return self.model.outcomes_of(np.nan_to_num(as_table(named), nan=MISSING))
 
     def _truth(self, labels: Sequence[Name] | NDArray[Any]) -> NDArray[np.int64]:
+        _require_row(labels)
         found = np.asarray(labels)
         if found.dtype.kind in "iu" and not set(map(str, np.unique(found).tolist())) <= set(self.classes):
             return checked_indices("labels", found, len(self.classes))
@@ -585,7 +591,35 @@ class Evaluation(Tabular):
             *([] if error_cost is None else [("with errors", ".2f")]),
             *(("certain", spec), ("right of these", spec)),
         ]
-        return Table("", columns, rows, f"{number} cases." if rows else "")
+        return Table("", columns, rows, f"{number} cases.{self._worst()}" if rows else "")
+
+    def by_class(self) -> Table:
+        """For each rule and class: cases of it and how many are right; cases named so and how many of these are."""
+        rows: list[tuple[Value, ...]] = []
+        for rule, answers in self.answers.items():
+            pairs = Counter((one.truth, one.named) for one in answers)
+            for k, label in enumerate(self.task.classes):
+                cells: list[Value] = []
+                for side in (0, 1):
+                    number = sum(count for pair, count in pairs.items() if pair[side] == k)
+                    right = pairs[k, k]
+                    share = (right / number, wilson_interval(right, number)) if number else (None, None)
+                    cells += [number, *share]
+                rows.append((rule, label, *cells))
+        spec = ".3f"
+        own, named = [("right", spec), ("95 %", spec)], [("right of these", spec), ("95 % of these", spec)]
+        return Table("", ["rule", "class", ("cases", "d"), *own, ("named so", "d"), *named], rows)
+
+    def _worst(self) -> str:
+        """A sentence about the class of which the first rule names the smallest share rightly, if that is below 0.5."""
+        rule, answers = next(iter(self.answers.items()))
+        cases = Counter(one.truth for one in answers)
+        right = Counter(one.truth for one in answers if one.is_right)
+        worst = min(cases, key=lambda k: right[k] / cases[k], default=0)
+        if 2 * right[worst] >= cases[worst]:
+            return ""
+        label = self.task.classes[worst]
+        return f" Of {label!r}, {rule} names {right[worst]} of {cases[worst]} rightly: see by_class()."
 
     def after(self, num_actions: int, rule: str = "adaptive") -> tuple[float, float]:
         """Share of right answers, and mean stated probability, had each case been answered after so many actions."""
@@ -656,6 +690,12 @@ def _require_same_rows(cases: Any, labels: Any) -> None:
         raise InvalidArgument(
             "the rows of cases and labels have different indexes: bring them into one order, or give labels.to_numpy()"
         )
+
+
+def _require_row(labels: Any) -> None:
+    """Check that labels are one for each case, and no table with one column."""
+    if (shape := np.shape(labels)) and len(shape) != 1:
+        raise InvalidArgument(f"labels must be (n,), one for each case, got {shape}")
 
 
 def _promised(certificate: CertifiedThresholds) -> tuple[float, ...]:

@@ -65,7 +65,7 @@ class OutcomeCode(FrozenArrays):
         Raises:
             InvalidArgument: another number of columns than was fitted, or another name, or a word that no case had.
         """
-        table = as_table(in_order(values, self.names), self.words)
+        table = as_table(in_order(values, self.names), self.words, self.names)
         if table.shape[1] != len(self.edges):
             raise InvalidArgument(f"a case has {len(self.edges)} columns, got {table.shape[1]}")
         return np.stack([self.outcome(action, table[:, list(own)]) for action, own in enumerate(self.columns)], axis=1)
@@ -75,9 +75,8 @@ class OutcomeCode(FrozenArrays):
         for column, given in zip(self.columns[action], values.T, strict=True):
             low, high = self.seen[column].tolist() if len(self.seen) else (np.nan, np.nan)
             if high > low and (is_far := np.abs(given - (low + high) / 2.0) > 1.5 * (high - low)).any():
-                name = repr(self.names[column]) if self.names else f"column {column}"
                 apart = f"{given[is_far][0]:g}, and cases that the model was fitted to had {low:g} to {high:g}"
-                warnings.warn(f"{name} is {apart}: is it in another unit?", stacklevel=4)
+                warnings.warn(f"{_called(column, self.names)} is {apart}: is it in another unit?", stacklevel=4)
         bins = [np.searchsorted(self.edges[c], v, "right") for c, v in zip(self.columns[action], values.T, strict=True)]
         found = bins[0]
         if len(bins) > 1:
@@ -89,7 +88,9 @@ class OutcomeCode(FrozenArrays):
     def told(self, action: int, values: Any) -> int:
         """The outcome of one action from a value, a number or a word, or from the values of its columns."""
         words = [self.words[c] for c in self.columns[action]] if self.words else []
-        return int(self.outcome(action, as_table(np.atleast_1d(np.asarray(values, object))[None], words))[0])
+        names = [self.names[c] for c in self.columns[action]] if self.names else []
+        cells = np.atleast_1d(np.asarray(values, object))[None]
+        return int(self.outcome(action, as_table(cells, words, names))[0])
 
     @classmethod
     def of(
@@ -112,7 +113,7 @@ class OutcomeCode(FrozenArrays):
         """
         values = as_rows(values)
         words = _words(values)
-        table = as_table(values, words)
+        table = as_table(values, words, _names(values))
         columns = tuple((c,) for c in range(table.shape[1])) if groups is None else tuple(map(tuple, groups))
         if not columns or not all(own and set(own) <= set(range(table.shape[1])) for own in columns):
             raise InvalidArgument(
@@ -138,6 +139,10 @@ class OutcomeCode(FrozenArrays):
             warnings.simplefilter("ignore", RuntimeWarning)  # of columns without a value
             seen = np.stack([np.nanmin(table, axis=0), np.nanmax(table, axis=0)], axis=1)
         return cls(columns, edges, tuple(joint), largest, words, _names(values), seen)
+
+    def words_of(self) -> list[tuple[str, tuple[str, ...]]]:
+        """The columns of words, as in messages, and these."""
+        return [(_called(column, self.names), words) for column, words in enumerate(self.words) if words]
 
     def sizes(self) -> NDArray[np.int64]:
         """Number of outcomes of each action, ``(P,)``."""
@@ -418,8 +423,11 @@ def _sharpness(
     return float(_SHARPNESS[int(np.argmin(losses))])
 
 
-def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = ()) -> Floats:
-    """Cases ``(n, C)`` as floats, words by their place among those of their column; NaN, None and "" are missing."""
+def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = (), names: Sequence[str] = ()) -> Floats:
+    """Cases ``(n, C)`` as floats, words by their place among those of their column; NaN, None and "" are missing.
+
+    ``names`` are those of the columns in messages.
+    """
     cells = unmasked(values, "cases")
     if cells.dtype.kind in "OSU" and cells.ndim != 2:
         raise InvalidArgument(
@@ -435,15 +443,15 @@ def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = ()) -> Floats:
             known, number = places[column] if column < len(places) else {}, _number(cell)
             if known and str(cell).strip() not in known:
                 raise InvalidArgument(
-                    f"column {column} of cases is {cell!r:.40}{at((i,))}, which no case had: {few(list(known))}"
+                    f"{_called(column, names)} is {cell!r:.40}{at((i,))}, which no case had: {few(list(known))}"
                 )
             if not known and number is None:
-                raise InvalidArgument(
-                    f"column {column} of cases is {cell!r:.40}{at((i,))}, no number; missing values are NaN, None or "
-                    "empty, and a column of words has no numbers"
-                )
+                hint = "missing values are NaN, None or empty, and a column of words has no numbers"
+                hint = "decimals have a point" if _has_decimal_comma(cell) else hint
+                raise InvalidArgument(f"{_called(column, names)} is {cell!r:.40}{at((i,))}, no number; {hint}")
             found[i, column] = known[str(cell).strip()] if known else number
         cells = found
+    cells = cells.astype(np.float64) if cells.dtype.kind == "b" else cells
     table = np.asarray(as_real(cells, "cases"), np.float64)
     if table.ndim != 2 or np.isinf(table).any():
         got = f"shape {table.shape}" if table.ndim != 2 else f"inf{at((int(np.isinf(table).any(axis=1).argmax()),))}"
@@ -460,14 +468,24 @@ def _words(values: ArrayLike) -> tuple[tuple[str, ...], ...]:
     for index, column in enumerate(np.asarray(values, object).T):
         known = [cell for cell in column.tolist() if not _is_missing(cell)]
         is_words = bool(known) and all(isinstance(cell, str) and _number(cell) is None for cell in known)
+        is_words = is_words and not all(map(_has_decimal_comma, known))
         words = sorted({cell.strip() for cell in known}) if is_words else []
         if len(words) > _MOST_WORDS:
             raise InvalidArgument(
-                f"column {index} of cases has {len(words)} different words, such as {few(words)}; more than "
+                f"{_called(index, _names(values))} has {len(words)} different words, such as {few(words)}; more than "
                 f"{_MOST_WORDS} tell nothing in common: leave the column out, or join some"
             )
         found.append(tuple(words))
     return tuple(found)
+
+
+def _called(column: int, names: Sequence[str]) -> str:
+    """A column in a message."""
+    return repr(names[column]) if names else f"column {column} of cases"
+
+
+def _has_decimal_comma(cell: Any) -> bool:
+    return isinstance(cell, str) and cell.count(",") == 1 and _number(cell.replace(",", ".")) is not None
 
 
 def _is_missing(cell: Any) -> bool:

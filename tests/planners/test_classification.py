@@ -482,7 +482,7 @@ def test_a_value_far_outside_those_of_the_fit_warns(rng):
     with pytest.warns(UserWarning, match="never seen"):
         task = ActiveClassification.from_cases(cases, labels, ("blood", "none", "same"))
     case = task.start()
-    with pytest.warns(UserWarning, match=r"column 0 is 5000, and cases .* had .* another unit"):
+    with pytest.warns(UserWarning, match=r"column 0 of cases is 5000, and cases .* had .* another unit"):
         case.tell(5000.0, "blood")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -529,3 +529,61 @@ def test_missing_labels_of_a_list_and_rows_in_another_order_are_refused(rng):
     with pytest.raises(InvalidArgument, match="different indexes"):
         ActiveClassification.from_cases(Rows(cases.tolist(), 1), Rows(labels, 2))
     assert ActiveClassification.from_cases(Rows(cases.tolist(), 1), Rows(labels, 1)).classes == ("a", "b")
+
+
+def test_a_rare_class_that_is_never_named_is_said_and_each_class_has_its_shares():
+    rng = np.random.default_rng(0)
+    y = (np.arange(400) % 20 == 0).astype(int)
+    rows = rng.normal(size=(400, 1)) + 0.5 * y[:, None]
+    names = np.where(y, "rare", "usual")
+    found = ActiveClassification.from_cases(rows, names, num_contexts=1).evaluate(rows, names)
+    assert "400 cases. Of 'rare', adaptive names 0 of 20 rightly: see by_class()." in " ".join(str(found).split())
+    [one, other] = found.by_class().records()[:2]
+    assert (one["class"], one["cases"], one["right"], one["named_so"], one["right_of_these"]) == (
+        "rare",
+        20,
+        0,
+        0,
+        None,
+    )
+    assert (other["cases"], other["right"], other["named_so"], other["right_of_these"]) == (380, 1, 400, 0.95)
+    assert 0 < one["right_high"] < 0.2
+
+
+def test_messages_about_a_table_name_the_column():
+    rows = [{"age": "31", "fever": word, "crp": "1.5"} for word in ("yes", "no", "Yes", "no")]
+    labels = ["ill", "well"] * 2
+    with pytest.warns(UserWarning, match="words of 'fever' 'Yes' and 'yes' differ in spaces or case only"):
+        task = ActiveClassification.from_cases(rows, labels, num_contexts=1)
+    for name, told, words in (
+        ("fever", "maybe", "'fever' is 'maybe' .*, which no case had: Yes, no, yes"),
+        ("age", "old", "'age' is 'old' .*, no number; missing values are"),
+        ("crp", "1,5", "'crp' is '1,5' .*, no number; decimals have a point"),
+    ):
+        with pytest.raises(InvalidArgument, match=words):
+            task.start().tell(told, name)
+        with pytest.raises(InvalidArgument, match=words):
+            task.evaluate([{**rows[0], name: told}], ["ill"])
+    with pytest.raises(InvalidArgument, match=r"'crp' is '1,5' in row 0 .*decimals have a point"):
+        ActiveClassification.from_cases([{"crp": f"{i % 3},5"} for i in range(1, 61)], ["ill", "well", "well"] * 20)
+
+
+def test_columns_that_are_true_or_false_are_outcomes():
+    fever = np.arange(40) % 2 == 0
+    task = ActiveClassification.from_cases(fever[:, None], np.where(fever, "ill", "well"), num_contexts=1)
+    case = task.start()
+    case.tell(True)
+    assert case.answer == "ill"
+
+
+@pytest.mark.parametrize(
+    ("cases", "labels", "words"),
+    [
+        (np.zeros((0, 3)), [], "cases must be of two or more classes, got none"),
+        (np.zeros((9, 3)), ["ill"] * 9, "cases must be of two or more classes, got ill"),
+        (np.zeros((2, 3)), np.array([["ill"], ["well"]]), r"labels must be \(n,\), one for each case, got \(2, 1\)"),
+    ],
+)
+def test_cases_without_two_classes_or_with_a_table_of_labels_are_refused(cases, labels, words):
+    with pytest.raises(InvalidArgument, match=words):
+        ActiveClassification.from_cases(cases, labels)
