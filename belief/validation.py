@@ -101,7 +101,8 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
     """Integers in [0, size), ``(n,)``, as int64."""
     indices = unmasked(values, name)
     if not np.issubdtype(indices.dtype, np.integer):
-        raise InvalidArgument(f"{name} must be integers in [0, {size}), got {indices.dtype}")
+        hint = "; np.unique(names, return_inverse=True) numbers names" if indices.dtype.kind in "OSU" else ""
+        raise InvalidArgument(f"{name} must be integers in [0, {size}), got {indices.dtype}{hint}")
     wrong = (indices < 0) | (indices >= size)
     if wrong.any():
         row = int(np.argmax(wrong))

@@ -316,8 +316,13 @@ class _OneSearch(SearchEpisodes):
 def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) -> Touches:
     """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene."""
     if touches is None:
-        if not isinstance(scene, str) or scene_of(scene) not in SCENES:
-            raise UnknownName("scene", str(scene), [*SCENES])
+        if not isinstance(scene, str):
+            raise InvalidArgument(
+                f"scene is the name of a scene, got {scene!r:.80}; of a scene or meshes of your own give "
+                "touches=LiveTouches(sensor)"
+            )
+        if scene_of(scene) not in SCENES:
+            raise UnknownName("scene", scene, [*SCENES])
         named = SCENES.get(scene, NamedScene())
         return LiveTouches(TactileSensor.shipped(scene, None if hand is None else named.scene.with_hand(hand)))
     if hand is not None:

@@ -43,7 +43,10 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
     owner, shape_of = numbered_objects(shapes, object_ids)
     require_count("num_folds", num_folds)
     if num_folds > len(shape_of):
-        raise ValueError(f"need between 1 and {len(shape_of)} folds for {len(shape_of)} objects, got {num_folds}")
+        fewer = f", or give num_folds={len(shape_of)}" if len(shape_of) > 1 else ""
+        raise ValueError(
+            f"{num_folds} folds of whole objects need as many objects, got {len(shape_of)}: record more{fewer}"
+        )
     fold_of = np.empty(len(shape_of), np.intp)
     fold_of[np.argsort(shape_of, kind="stable")] = np.arange(len(shape_of)) % num_folds
     return fold_of[owner]

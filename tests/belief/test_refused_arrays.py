@@ -175,6 +175,11 @@ def test_a_model_of_one_body_has_finite_tables(field, number):
         (validation.require_choice, ("kind", "fine", ["ok", "no"]), "kind must be one of ok, no; got 'fine'"),
         (validation.require_fraction, ("number", 95), r"number must be a number in \(0, 1\), got 95"),
         (validation.checked_indices, ("number", [0, 2], 2), r"number must be integers in \[0, 2\), got 2 in row 1"),
+        (
+            validation.checked_indices,
+            ("labels", ["mug"], 2),
+            r"got <U3; np.unique\(names, return_inverse=True\) numbers",
+        ),
         (seeding.checked_key, ([3, -1],), r"integers ≥ 0, got -1 in \[3, -1\]"),
         (files.plain_number, ("1_000",), "'1_000' is not a decimal number"),
     ],

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import SCENES, TactileSensor, TouchWorld
 from activetouch.envs import IDS, drawing
 from activetouch.envs.object_search import BadAction, BadOption, ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
@@ -20,7 +20,7 @@ from activetouch.envs.touch_source import LiveTouches, SampledTouches
 from activetouch.perception.reader import HypothesisTable
 from activetouch.poses import aimed
 from belief import Confirm, Probe, Reject, SceneBelief, Unsure
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.policy_state import NoGains
 from belief.seeding import arrangement_rng
@@ -295,6 +295,8 @@ def test_what_cannot_be_is_refused_by_name(sampled):
         ObjectTestEnv(touches=sampled, target="cone")
     with pytest.raises(UnknownName, match=r"unknown scene 'gell'\. Did you mean 'gel'"):
         ObjectTestEnv(scene="gell")
+    with pytest.raises(InvalidArgument, match=r"name of a scene, got Scene.*give touches=LiveTouches\(sensor\)"):
+        ObjectTestEnv(scene=SCENES["gel"].scene)
     with pytest.raises(UnknownName, match="render mode"):
         ObjectTestEnv(touches=sampled, target="shape_0", render_mode="ansi")
     for wrong in (1.0, 0.0, np.nan, (0.5, 0.4), (0.5, 1.0), (0.1, 0.2, 0.3)):

@@ -100,7 +100,9 @@ def test_the_model_that_made_the_data_beats_a_blunt_one(rng):
 
 def test_more_folds_than_objects_are_refused(rng):
     source, touches, shapes, ids = collect(rng, num_objects=3)
-    with pytest.raises(ValueError, match="between 1 and 3 folds"):
+    with pytest.raises(
+        ValueError, match="4 folds of whole objects need as many objects, got 3: record more, or give num_folds=3"
+    ):
         loss_of(lambda *_, **__: source, touches, shapes, ids, num_folds=4)
 
 
@@ -131,7 +133,7 @@ def test_where_touches_repeat_a_model_that_knows_is_chosen(world, rng):
     [
         ({"candidates": {}}, "no candidate"),
         ({"num_folds": 1}, "num_folds must be .* at least 2"),
-        ({"num_folds": 99}, "folds for 4 objects"),
+        ({"num_folds": 99}, "99 folds of whole objects need as many objects, got 4: record more, or give num_folds=4"),
         ({"shape_labels": ("a", "b")}, "names 2"),
         ({"num_poses": 2}, "num_poses is 2"),
     ],
