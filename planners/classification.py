@@ -165,7 +165,7 @@ class ActiveClassification(FrozenArrays):
         labels: Sequence[Name] | NDArray[Any],
         actions: Sequence[str] = (),
         *,
-        groups: Sequence[Sequence[int]] | None = None,
+        groups: Sequence[Sequence[Name] | str] | None = None,
         num_contexts: int | Sequence[int] = (1, 2, 3, 4, 5, 6),
         num_bins: int | None = None,
         seed: int = 0,
@@ -178,7 +178,7 @@ class ActiveClassification(FrozenArrays):
                 A data frame, an array, or a list of rows or of dictionaries, such as that of a ``csv.DictReader``.
             labels: class of each case, ``(n,)``, any values that can be sorted.
             actions: names of the P actions; by default those of the columns of a data frame or of dictionaries.
-            groups: columns that one action shows, for each action; by default each column is an action.
+            groups: columns that one action shows, for each action, by name or index; by default each is an action.
             num_contexts: as of :func:`~belief.observation_model.context_fit.fit_contexts`.
             num_bins: most outcomes of a column; by default 4 to 16, by the number of cases.
             seed: of the fit.

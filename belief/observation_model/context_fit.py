@@ -90,18 +90,21 @@ class OutcomeCode(FrozenArrays):
         words = [self.words[c] for c in self.columns[action]] if self.words else []
         names = [self.names[c] for c in self.columns[action]] if self.names else []
         cells = np.atleast_1d(np.asarray(values, object))[None]
+        if cells.shape != (1, len(own := self.columns[action])):
+            parts = ", ".join(_called(column, self.names) for column in own)
+            raise InvalidArgument(f"an outcome has {len(own)} values, of {parts}; got {values!r:.60}")
         return int(self.outcome(action, as_table(cells, words, names))[0])
 
     @classmethod
     def of(
-        cls, values: ArrayLike, groups: Sequence[Sequence[int]] | None = None, num_bins: int | None = None
+        cls, values: ArrayLike, groups: Sequence[Sequence[Any] | str] | None = None, num_bins: int | None = None
     ) -> OutcomeCode:
         """A code for columns ``(n, C)``: each value or word its own outcome, or bins where there are many values.
 
         Args:
             values: of cases, numbers, also as text, or words; NaN, None or an empty word where missing. A list of
                 dictionaries, as of :class:`csv.DictReader`, is read as a data frame.
-            groups: columns of each action; by default each column is an action.
+            groups: columns of each action, by name or index; by default each column is an action.
             num_bins: most outcomes of a column; by default 4 to 16, by the number of cases. The columns of an action
                 with several have two each.
 
@@ -114,10 +117,15 @@ class OutcomeCode(FrozenArrays):
         values = as_rows(values)
         words = _words(values)
         table = as_table(values, words, _names(values))
-        columns = tuple((c,) for c in range(table.shape[1])) if groups is None else tuple(map(tuple, groups))
+        places = {name: place for place, name in enumerate(_names(values))}
+        columns: tuple[tuple[Any, ...], ...] = tuple((c,) for c in range(table.shape[1]))
+        if groups is not None:
+            each = ((own,) if isinstance(own, str) else own for own in groups)
+            columns = tuple(tuple(places.get(column, column) for column in own) for own in each)
         if not columns or not all(own and set(own) <= set(range(table.shape[1])) for own in columns):
             raise InvalidArgument(
-                f"groups must name columns below {table.shape[1]} for each action, got {groups!r:.80}"
+                f"groups must be columns of each action, {few(list(places)) or f'below {table.shape[1]}'}, "
+                f"got {groups!r:.80}"
             )
         most = int(np.clip(round(_BINS * len(table) ** (1 / 3)), 4, 16)) if num_bins is None else num_bins
         size = {c: most if len(own) == 1 else 2 for own in columns for c in own}

@@ -587,3 +587,21 @@ def test_columns_that_are_true_or_false_are_outcomes():
 def test_cases_without_two_classes_or_with_a_table_of_labels_are_refused(cases, labels, words):
     with pytest.raises(InvalidArgument, match=words):
         ActiveClassification.from_cases(cases, labels)
+
+
+def test_an_action_of_several_columns_is_named_by_them_and_told_as_many_values():
+    rows = [{"age": str(i % 3), "crp": f"{i % 2}.5", "fever": "yes" if i % 2 else "no"} for i in range(40)]
+    labels = ["ill" if i % 2 else "well" for i in range(40)]
+    named, numbered = (
+        ActiveClassification.from_cases(rows, labels, groups=groups, num_contexts=1)
+        for groups in (["age", ("crp", "fever")], [(0,), (1, 2)])
+    )
+    np.testing.assert_array_equal(named.model.probs, numbered.model.probs)
+    case = named.start()
+    for told in ("1.5", ["1.5"], ["1.5", "yes", 3]):
+        with pytest.raises(InvalidArgument, match="an outcome has 2 values, of 'crp', 'fever'; got"):
+            case.tell(told, 1)
+    case.tell(["1.5", "yes"], 1)
+    assert case.answer == "ill"
+    with pytest.raises(InvalidArgument, match="groups must be columns of each action, age, crp, fever, got"):
+        ActiveClassification.from_cases(rows, labels, groups=[["age"], ["crb"]])
