@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -30,6 +30,7 @@ ROBOTS = (".urdf", ".mjcf", ".xml")
 _MOST_BYTES = 16 * 2**20
 _BEGINS = 65536  # bytes in which the root of MJCF is looked for
 _GROUPS_SHOWN = 3
+_TURNS = {"quat", "axisangle", "xyaxes", "zaxis", "euler"}
 _PRIMITIVES: Mapping[str, tuple[int, Callable[[list[float]], Solid]]] = {
     "sphere": (1, lambda size: Sphere(*size)),
     "capsule": (2, lambda size: Capsule(*size)),
@@ -207,11 +208,12 @@ class _Mjcf:
         self.in_degrees, self.sequence = compiler.get("angle") != "radian", compiler.get("eulerseq", "xyz")
         self.folder, self.strips = compiler.get("meshdir", compiler.get("assetdir", "")), compiler.get("strippath")
         self.defaults = {"main": (dict[str, str](), dict[str, str]())}
-        for one in root.findall("default"):
-            self._add_defaults(one, one.get("class", "main"), ({}, {}))
+        for one in root.findall("default"):  # each adds to the one before; older MuJoCos let them have other names
+            self._add_defaults(one, "main", self.defaults["main"])
+            self.defaults[one.get("class", "main")] = self.defaults["main"]
         self.meshes = {}
         for mesh in root.iterfind("asset/mesh"):
-            given = {**self._of_class(mesh.get("class", "main"))[1], **mesh.attrib}
+            given = _over(self._of_class(mesh.get("class", "main"))[1], mesh.attrib)
             self.meshes[given.get("name", Path(given.get("file", "")).stem)] = given
 
     def robot(self) -> Robot:
@@ -225,7 +227,7 @@ class _Mjcf:
 
     def _add_defaults(self, element: Element, name: str, above: tuple[dict[str, str], dict[str, str]]) -> None:
         geom, mesh = (
-            {**each, **{key: value for one in element.findall(tag) for key, value in one.attrib.items()}}
+            reduce(_over, (one.attrib for one in element.findall(tag)), each)
             for each, tag in zip(above, ("geom", "mesh"), strict=True)
         )
         self.defaults[name] = geom, mesh
@@ -250,7 +252,7 @@ class _Mjcf:
                 frame = rotation @ turned, rotation @ moved + position
                 self._add_geoms(one, one.get("childclass", of_class), name, *frame)
             elif one.tag == "geom":
-                given = {**self._of_class(one.get("class", of_class))[0], **one.attrib}
+                given = _over(self._of_class(one.get("class", of_class))[0], one.attrib)
                 try:
                     piece = self._piece(given, rotation, position)
                 except (ValueError, IndexError) as error:
@@ -314,11 +316,20 @@ class _Mjcf:
         return _quaternion(_numbers(given.get("quat"), (1, 0, 0, 0), 4)), position
 
 
+def _over(above: dict[str, str], own: Mapping[str, str]) -> dict[str, str]:
+    """The attributes of a default class below those of a geom or mesh: one orientation, and sizes number by number."""
+    kept = {key: value for key, value in above.items() if key not in _TURNS or _TURNS.isdisjoint(own)}
+    sizes = [each["size"].split() for each in (own, above) if "size" in each]
+    return {**kept, **own, **({"size": " ".join(sizes[0] + sizes[1][len(sizes[0]) :])} if len(sizes) == 2 else {})}
+
+
 def _quaternion(numbers: Floats) -> Floats:
     """The rotation of a quaternion, w first."""
     return Rotation.from_quat(np.roll(numbers, -1)).as_matrix()
 
 
 def _towards(direction: Floats) -> Floats:
-    """The smallest rotation that turns the z axis into a direction."""
+    """The smallest rotation that turns the z axis into a direction, about the x axis into the opposite one."""
+    if direction[2] < 0 and not direction[:2].any():
+        return np.diag([1.0, -1.0, -1.0])
     return Rotation.align_vectors([direction], [(0.0, 0.0, 1.0)])[0].as_matrix()

@@ -10,8 +10,9 @@ import pytest
 
 from activetouch.errors import BadMesh, DuplicateShape, MeshWarning
 from activetouch.mesh_source import MeshSource, labelled_sources, read_files, read_meshes
-from activetouch.robot_file import read_link
+from activetouch.robot_file import read_link, read_robot
 from activetouch.scene import Scene
+from activetouch.solids.primitives import Box
 from belief.errors import InvalidArgument
 
 CORNERS = [(x, y, z) for x in (0, 1) for y in (0, 2) for z in (0, 3)]
@@ -97,6 +98,40 @@ def test_bodies_have_the_sizes_that_mujoco_compiles(folder):
     for name, mesh in meshes.items():
         assert np.ptp(mesh.vertices, axis=0) == pytest.approx(expected[name], abs=3e-5), name
     assert [line.partition(": ")[2] for line in left_out] == ["a geom of world: a plane of no mesh is not read"]
+
+
+@pytest.mark.parametrize(
+    ("defaults", "geom"),
+    [
+        ('<default><geom type="box" size=".01 .02 .03"/></default><default><geom group="1"/></default>', ""),
+        ('<default><geom type="box" size=".01 .02 .03"/></default><default><geom size=".02"/></default>', ""),
+        ('<default><geom type="box" size=".01 .02 .03"/></default>', 'size=".03 .01"'),
+        ('<default><geom euler="90 0 0"/></default>', 'type="box" size=".01 .02 .03" quat="1 0 0 .5"'),
+        ('<default><geom euler="90 0 0"/></default>', 'type="box" size=".01 .02 .03" axisangle="1 0 0 30"'),
+        ('<default><geom zaxis="0 1 1"/></default>', 'type="box" size=".01" fromto=".01 0 0 .09 0 .01"'),
+        ('<asset><mesh file="block.obj" scale=".01 .01 .01"/></asset>', 'type="mesh" mesh="block" zaxis="0 0 -1"'),
+    ],
+)
+def test_what_geoms_inherit_is_what_mujoco_compiles(defaults, geom, folder):
+    path = folder / "hand" / "assets" / "one.xml"
+    path.write_text(
+        f'<mujoco>{defaults}<worldbody><body name="one"><geom {geom}/><geom type="box" size=".005 .005 .005" '
+        'pos=".02 .03 .04" quat="1 0 0 0"/></body></worldbody></mujoco>'
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshWarning)
+        extents = np.ptp(read_meshes(path)["one"].vertices, axis=0)
+    expected = sizes(mujoco.MjModel.from_xml_path(str(path)))["one"]
+    assert extents == pytest.approx(expected, abs=3e-5)
+
+
+def test_a_root_class_of_another_name_is_that_of_all_geoms(tmp_path):  # as older MuJoCos had it
+    (tmp_path / "old.xml").write_text(
+        '<mujoco><default class="b"><geom type="box" size=".01 .02 .03"/></default><worldbody><geom/>'
+        '<geom class="b"/></worldbody></mujoco>'
+    )
+    pieces = read_robot(tmp_path / "old.xml").pieces["world"]
+    assert [piece.source for piece in pieces] == [Box((0.01, 0.02, 0.03))] * 2
 
 
 def test_links_have_the_sizes_that_mujoco_compiles(folder):
