@@ -137,7 +137,7 @@ def _found(path: Path, folder: Path, name: str) -> Path:
     above = [one for one in (inner, *inner.parents) if one.is_relative_to(outer)]
     rest = rest.lstrip("/") if scheme in ("package", "model") else rest
     names = [rest, rest.partition("/")[2]] if scheme in ("package", "model") else [rest]
-    for place in (base / each for base in above for each in names if each):
+    for place in (base / each for each in names for base in above if each):  # a package's folder, or else its files
         if place.exists() and (file := place.resolve()).is_relative_to(outer):
             return require_regular_file(file, BadMesh)
     below(folder, str(inner / names[0]))
@@ -213,7 +213,11 @@ class _Mjcf:
             self.defaults[one.get("class", "main")] = self.defaults["main"]
         self.meshes = {}
         for mesh in root.iterfind("asset/mesh"):
-            given = _over(self._of_class(mesh.get("class", "main"))[1], mesh.attrib)
+            try:
+                given = _over(self._of_class(mesh.get("class", "main"))[1], mesh.attrib)
+            except ValueError as error:
+                self.left_out.append(f"the mesh {mesh.get('name', mesh.get('file', '')):.40}: {error}")
+                continue
             self.meshes[given.get("name", Path(given.get("file", "")).stem)] = given
 
     def robot(self) -> Robot:
@@ -252,8 +256,8 @@ class _Mjcf:
                 frame = rotation @ turned, rotation @ moved + position
                 self._add_geoms(one, one.get("childclass", of_class), name, *frame)
             elif one.tag == "geom":
-                given = _over(self._of_class(one.get("class", of_class))[0], one.attrib)
                 try:
+                    given = _over(self._of_class(one.get("class", of_class))[0], one.attrib)
                     piece = self._piece(given, rotation, position)
                 except (ValueError, IndexError) as error:
                     self.left_out.append(f"a geom of {name}: {error}")

@@ -82,7 +82,7 @@ class Mesh:
 
     @classmethod
     def from_file(cls, path: Path | str, scale: float | None = None) -> Mesh:
-        """The mesh in an STL, OBJ, PLY or OFF file, with its centre of mass moved to the origin.
+        """The mesh in an STL, OBJ, PLY, OFF or MSH file, with its centre of mass moved to the origin.
 
         With the extra ``meshes`` also in a GLB, glTF, DAE or 3MF file.
 

@@ -337,7 +337,24 @@ def _corners_in(words: Sequence[str]) -> int:
     return max(index_of_vertex(plain_number(words[0])), 0)
 
 
-_READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
+def read_msh(content: bytes) -> tuple[Floats, Ints]:
+    """The triangles of an MSH file of MuJoCo: four counts, vertices, normals, texture coordinates, triangles."""
+    if content.startswith(b"$MeshFormat"):
+        raise ValueError("it is MSH of Gmsh, only that of MuJoCo is read; export STL, OBJ or PLY")
+    counts = struct.unpack_from("<4i", content) if len(content) >= 16 else (-1,) * 4
+    num_vertices, num_normals, num_coordinates, num_faces = counts
+    size = 16 + 12 * (num_vertices + num_normals + num_faces) + 8 * num_coordinates
+    if min(counts) < 0 or size != len(content):
+        raise ValueError(f"its header {counts} does not fit its {len(content)} bytes")
+    surface = SurfaceBuilder()
+    surface.coordinates.frombytes(np.frombuffer(content, "<f4", 3 * num_vertices, 16).astype(np.float64).tobytes())
+    corners = np.frombuffer(content, "<i4", 3 * num_faces, size - 12 * num_faces)
+    surface.corners.frombytes(corners.astype(np.int64).tobytes())
+    surface.sizes.extend([3] * num_faces)
+    return surface.arrays()
+
+
+_READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off, ".msh": read_msh}
 _BY_LIBRARY = (".glb", ".gltf", ".dae", ".3mf")
 ENDINGS = (*_READERS, *_BY_LIBRARY)
 """Endings of the files that can be read, some of them with the extra ``meshes``."""
@@ -346,7 +363,7 @@ _CONVERTED |= {".step": " cascadio", ".stp": " cascadio"}  # and the packages th
 OTHERS = (
     *(".step", ".stp", ".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".vrml", ".x3d", ".3ds", ".amf"),
     *(".iges", ".igs", ".brep", ".3dm", ".sldprt", ".catpart", ".ipt", ".f3d", ".skp", ".max", ".ma", ".mb", ".c4d"),
-    *(".abc", ".lwo", ".ctm", ".msh", ".vtk", ".vtp", ".vtu"),
+    *(".abc", ".lwo", ".ctm", ".vtk", ".vtp", ".vtu"),
 )
 """Endings of files of meshes that are not read."""
 

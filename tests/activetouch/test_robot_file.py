@@ -153,6 +153,29 @@ def test_packages_are_named_with_two_slashes_or_three(folder):
     assert read_link(three, folder, "base") == read_link(folder / "arm" / "urdf" / "arm.urdf", folder, "base")
 
 
+def test_a_package_is_looked_for_by_its_name_first(folder):
+    (folder / "hand" / "block.obj").write_text(BLOCK.replace("v 1", "v 0.1"))
+    (folder / "arm" / "block.obj").write_text(BLOCK)  # nearer, but of another package
+    other = folder / "arm" / "other.urdf"
+    other.write_text(one_link('<mesh filename="package://hand/block.obj" scale=".01 .01 .01"/>'))
+    assert np.ptp(read_link(other, folder, "a").vertices, axis=0) == pytest.approx([0.001, 0.02, 0.03])
+
+
+def test_what_an_included_file_declares_is_left_out_and_the_rest_is_read(tmp_path):
+    (tmp_path / "hand.xml").write_text(
+        '<mujoco><include file="shared.xml"/><asset><mesh class="far" file="block.obj"/></asset><worldbody>'
+        '<body name="palm"><geom type="box" size=".01 .02 .03"/></body><body name="tip"><geom class="far"/></body>'
+        "</worldbody></mujoco>"
+    )
+    meshes, left_out = read_files(tmp_path / "hand.xml")
+    assert list(meshes) == ["palm"]
+    assert [line.partition(": ")[2] for line in left_out] == [
+        "the mesh block.obj: there is no default class 'far'",
+        "what it includes; no other file is opened than meshes, so name those files, too",
+        "a geom of tip: there is no default class 'far'",
+    ]
+
+
 def test_links_are_named_alone_and_told_apart(folder):
     urdf = folder / "arm" / "urdf" / "arm.urdf"
     assert MeshSource.parse(f"grip={urdf}#rod@0.5") == MeshSource(urdf, 0.5, "grip", "rod")

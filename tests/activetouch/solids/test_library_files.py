@@ -120,6 +120,12 @@ def off(header="OFF\n8 6 0", quads=QUADS):
     return "\n".join([*lines, *(f"4 {a} {b} {c} {d} 255 0 0" for a, b, c, d in quads)]) + "\n"
 
 
+def msh(faces=FACES, **changes):
+    counts = {"vertices": 8, "normals": 1, "coordinates": 2, "faces": 12, **changes}
+    rest = bytes(12 + 2 * 8)
+    return struct.pack("<4i", *counts.values()) + CORNERS.astype("<f4").tobytes() + rest + faces.astype("<i4").tobytes()
+
+
 def in_text(tree, data, uri="block.bin"):
     tree["buffers"][0]["uri"] = uri
     return json.dumps(tree)
@@ -215,7 +221,12 @@ HOSTILE = {  # what is written into a file of this name, and what is said of it
     "case.3mf": (lambda: zipped(*[(name, model()) for name in ("3D/3dmodel.model", "3d/3DModel.MODEL")]), "one name"),
     "bound.dae": (lambda: dae() + "<bind_material " * 15_000_000, r"15\d{6} tags"),
     "skeleton.dae": (lambda: dae(nodes=IN_ANOTHER + '<node><instance_controller url="#c"/></node>'), "on a skeleton"),
-    **{f"nothing.{ending}": (lambda: b"", "it is empty") for ending in ("glb", "gltf", "dae", "3mf", "off", "ply")},
+    "promised.msh": (lambda: msh(faces=FACES[:4]), r"header \(8, 1, 2, 12\) does not fit its \d+ bytes"),
+    "negative.msh": (lambda: msh(vertices=-(2**31)), "does not fit"),
+    "index.msh": (lambda: msh(FACES - 1), "a face has the vertex -1"),
+    "short.msh": (lambda: msh()[:15], "does not fit"),
+    "gmsh.msh": (lambda: "$MeshFormat\n2.2 0 8\n", "it is MSH of Gmsh"),
+    **{f"nothing.{ending}": (lambda: b"", "it is empty") for ending in ("glb", "gltf", "dae", "3mf", "off", "msh")},
     "vcount.dae": (
         lambda: dae().replace("<p>", f"<vcount>{ENDLESS}</vcount><p>").replace("triangles", "polylist"),
         f"promises {ENDLESS} corners",
@@ -273,6 +284,7 @@ def test_hostile_files_are_refused_in_two_seconds_and_500_megabytes(tmp_path):
         ("block.3mf", three_mf(model())),
         ("block.off", off()),
         ("glued.off", off("OFF8 6 0")),
+        ("block.msh", msh()),
     ],
 )
 def test_a_block_has_its_size_in_every_format(name, content, tmp_path):
