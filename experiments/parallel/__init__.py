@@ -13,14 +13,14 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from contextvars import ContextVar
 from functools import lru_cache, partial
 from multiprocessing import resource_tracker
 from pathlib import Path
 from pickle import PicklingError
 from types import FrameType
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from rich.progress import (
     BarColumn,
@@ -172,6 +172,18 @@ def progress_bar() -> Progress:
     )
 
 
+@contextmanager
+def removed_after(path: str, kind: Literal["file", "folder"]) -> Iterator[None]:
+    """Have joblib's tracker of resources remove a temporary file or folder if this process is killed in the block."""
+    from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
+
+    loky_resource_tracker.register(path, kind)
+    try:
+        yield
+    finally:
+        loky_resource_tracker.unregister(path, kind)
+
+
 class Shared(Generic[T]):
     """A large value of many tasks: each worker process reads it once, from a temporary file.
 
@@ -188,7 +200,10 @@ class Shared(Generic[T]):
             from joblib.externals.loky.backend.reduction import dump  # that of cloudpickle
 
             handle, self._file = tempfile.mkstemp(".pickle", "activetouch-", os.environ.get("JOBLIB_TEMP_FOLDER"))
-            weakref.finalize(self, Path(self._file).unlink, missing_ok=True)
+            kept = ExitStack()
+            kept.callback(Path(self._file).unlink, missing_ok=True)
+            kept.enter_context(removed_after(self._file, "file"))
+            weakref.finalize(self, kept.close)
             with os.fdopen(handle, "wb") as file:
                 dump(self.value, file)
         return _received, (self._file, os.getcwd())
@@ -309,10 +324,12 @@ def block_interrupt() -> Iterator[None]:
     """Block Ctrl-C in all processes that are started within the block; this process handles it after the block.
 
     New processes inherit the blocked signals. The resource trackers are started first, because starting one unblocks
-    the signals.
+    the signals. SIGTERM waits for the end of the block as well, where something handles it: what is half started could
+    not be closed.
     """
-    handler = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(handler) or os.name != "posix":
+    handlers = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    deferred = {each: usual for each, usual in handlers.items() if callable(usual)}
+    if threading.current_thread() is not threading.main_thread() or signal.SIGINT not in deferred or os.name != "posix":
         yield
         return
     from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
@@ -320,12 +337,14 @@ def block_interrupt() -> Iterator[None]:
     resource_tracker.ensure_running()
     loky_resource_tracker.ensure_running()
     heard: list[tuple[int, FrameType | None]] = []
-    signal.signal(signal.SIGINT, lambda number, frame: heard.append((number, frame)))
+    for each in deferred:
+        signal.signal(each, lambda number, frame: heard.append((number, frame)))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
+        for each, usual in deferred.items():
+            signal.signal(each, usual)
         if heard:
-            handler(*heard[0])
+            deferred[signal.Signals(heard[0][0])](*heard[0])

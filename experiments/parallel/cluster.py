@@ -20,6 +20,8 @@ from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from multiprocessing.util import get_temp_dir
+from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 from uuid import uuid4
@@ -29,10 +31,11 @@ from belief.errors import ActiveTouchError
 from belief.files import OWN_PACKAGES, is_installed, is_standard
 from belief.references import look_in
 from experiments.command_line.arguments import BadArgument
-from experiments.parallel import ENGINE, Shared, block_interrupt, called, say_no_more
+from experiments.parallel import ENGINE, Shared, block_interrupt, called, removed_after, say_no_more
 from planners.fingerprint import code_versions
 
 _SECONDS = 10.0  # to reach a scheduler
+_SECONDS_TO_START = 120.0  # of the first worker of this machine
 _CALM = {
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
@@ -69,8 +72,8 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
     if not re.fullmatch(r"local:[1-9]\d{0,3}|[a-z]+://\S+:\d+", address):
         raise BadArgument(f"--cluster must be tcp://HOST:PORT of a Dask scheduler, or local:8, got {address!r}")
     require_extra("cluster")
-    is_local = address.startswith("local:")
-    calm = {**_CALM, **(_started_forks() if is_local else {})}
+    num_forks = int(address[len("local:") :]) if address.startswith("local:") else 0
+    calm: dict[str, Any] = {**_CALM, **(_started_forks() if num_forks else {})}
     import dask
     from distributed import Client, LocalCluster
 
@@ -78,14 +81,19 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with ExitStack() as stack:
         place: Any = address
+        if num_forks:
+            calm["temporary-directory"] = stack.enter_context(TemporaryDirectory(ignore_cleanup_errors=True))
+            for folder in (calm["temporary-directory"], get_temp_dir()):  # the other has the socket of the forks
+                stack.enter_context(removed_after(folder, "folder"))
         stack.enter_context(dask.config.set(calm))
         try:
             with warnings.catch_warnings(), block_interrupt():
                 warnings.simplefilter("ignore")  # of other versions, which are compared below
-                if is_local:
+                if num_forks:
                     each: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL + 1}
                     each["dashboard_address"] = ":8787" if dashboard else None
-                    place = stack.enter_context(LocalCluster(n_workers=int(address[len("local:") :]), **each))
+                    place = stack.enter_context(LocalCluster(n_workers=0, **each))
+                    place.scale(num_forks)  # they start while this process prepares the tasks
                 else:
                     with ThreadPoolExecutor(1) as aside:  # a notebook has a loop of its own
                         aside.submit(asyncio.run, _greeted(address)).result()
@@ -96,7 +104,8 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
             has_page = client.get_versions(packages=["bokeh"])["scheduler"]["packages"].get("bokeh")
             needed = "it needs bokeh where the scheduler runs: pip install 'bokeh>=3.1'"
             print(f"dashboard: {client.dashboard_link if has_page else needed}")
-        _check_workers(client)
+        if not num_forks:
+            _check_workers(client)
         before = ENGINE.set(partial(_results, client, address))
         try:
             yield
@@ -123,7 +132,7 @@ def _started_forks() -> dict[str, str]:
 
     own = [name for name in sys.modules if name.partition(".")[0] in OWN_PACKAGES]
     with block_interrupt():
-        forkserver.set_forkserver_preload(["distributed", "scipy.special", *own])
+        forkserver.set_forkserver_preload(["distributed", "scipy.special", "scipy.spatial", *own])
         forkserver.ensure_running()
     return {"distributed.worker.multiprocessing-method": "forkserver"}
 
@@ -145,6 +154,14 @@ def _check_workers(client: Any) -> None:
         print(f"no workers yet; start some with: dask worker {there} --nthreads 1", file=sys.stderr)
     if max(threads.values(), default=1) > 1:
         print("warning: one thread of a worker works at a time; start workers with --nthreads 1", file=sys.stderr)
+
+
+def _require_worker(client: Any) -> None:
+    """Wait for the first worker of this machine: tasks wait for one without end."""
+    try:
+        client.wait_for_workers(1, timeout=_SECONDS_TO_START)
+    except TimeoutError as error:
+        raise ClusterFailed(f"no worker of this machine started within {_SECONDS_TO_START:g} s. Use --jobs") from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +186,8 @@ def _results(client: Any, address: str, tasks: Sequence[partial[Any]], descripti
             arguments = [sent[value] if isinstance(value, Shared) else value for value in task.args]
             work = _work, *each, task.func, arguments, task.keywords
             futures.append(client.submit(*work, key=f"{name}-{number}"))
+        if address.startswith("local:"):
+            _require_worker(client)
         ended = as_completed(futures, client.loop, with_results=True, raise_errors=False)
         del futures  # so that workers forget each result as soon as it is here
         for future, result in ended:

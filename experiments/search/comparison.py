@@ -306,7 +306,8 @@ def prepared(
     model = joint_model(sensor.model)
     if ANY_OBJECT_FILE not in [file.name for file in files] and model is not None:
         predict_contacts(sensor.reader, sensor.scene, model.num_hypotheses, jobs)
-        if ENGINE.get() is not None and isinstance(model.hypotheses, EmbedsByPose):  # workers have another cache
+        # Workers have another cache, and models without groups send them the hypotheses of all poses anyway.
+        if ENGINE.get() is not None and model.groups and isinstance(model.hypotheses, EmbedsByPose):
             for pose in range(model.num_poses):
                 model.hypotheses.in_pose(model.num_hypotheses, pose)
     table = sensor.model.outcome_table()

@@ -55,6 +55,7 @@ class Dask:
     def _start(self, what, *options):
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *map(str, options)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "ACTIVETOUCH_CACHE": os.devnull}
+        environment["DASK_TEMPORARY_DIRECTORY"] = str(self.folder)
         return subprocess.Popen(command, cwd=self.folder, env=environment, stderr=subprocess.DEVNULL)
 
     @property
@@ -81,7 +82,11 @@ def dask(folder, **options):
 
 @pytest.fixture(scope="module")
 def two_workers(tmp_path_factory):
+    from distributed import Client
+
     with dask(tmp_path_factory.mktemp("dask")) as running:
+        with Client(running.address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
         yield running
 
 
@@ -137,6 +142,13 @@ def test_workers_of_this_machine_share_one_start_and_change_no_byte(whole, tmp_p
         parents = set(run_tasks([partial(os.getppid)] * 4, 1, "asking"))
     assert len(parents) == 1
     assert os.name != "posix" or os.getpid() not in parents  # they are forks of a process that has loaded modules
+
+
+def test_workers_of_this_machine_that_do_not_start_are_not_waited_for(monkeypatch):
+    monkeypatch.setattr(cluster, "_SECONDS_TO_START", 0.01)
+    monkeypatch.setattr("distributed.LocalCluster.scale", lambda *arguments: None)
+    with pytest.raises(ClusterFailed, match=r"no worker .* started within 0\.01 s\. Use --jobs"), on_cluster("local:1"):
+        list(run_tasks([partial(os.getpid)], 1, "asking"))
 
 
 def test_a_worker_of_another_version_is_refused_before_any_work(two_workers, monkeypatch):

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -18,18 +19,27 @@ COMPARE += ["--episodes", "5000", "--jobs", "2"]
 FIVE = 5  # a command, two workers, and the trackers of what they share
 SLEEPERS = """
 import time
+from contextlib import nullcontext
 from functools import partial
-from experiments.parallel import run_tasks
+from experiments.parallel import Shared, run_tasks
 from experiments.command_line.signals import running
 
-with running():
-    list(run_tasks([partial(time.sleep, 60)] * 4, 2, "sleeping"))
+def sleep(shared):
+    time.sleep(shared.value)
+
+with running(), nullcontext():
+    list(run_tasks([partial(sleep, Shared(60))] * 4, 2, "sleeping"))
 """
+ON_CLUSTER = SLEEPERS.replace("nullcontext()", "on_cluster('local:2')").replace(
+    "from contextlib import nullcontext", "from experiments.parallel.cluster import on_cluster"
+)
+needs_cluster = pytest.mark.skipif(find_spec("distributed") is None, reason="needs the extra cluster")
 linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are listed by /proc")
 
 
 def start(arguments, where, path=()):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*map(str, path), str(ROOT)])}
+    environment |= dict.fromkeys(("TMPDIR", "JOBLIB_TEMP_FOLDER"), temporary(where))
     return subprocess.Popen(
         [sys.executable, *arguments],
         cwd=where,
@@ -40,6 +50,11 @@ def start(arguments, where, path=()):
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
     )
+
+
+def temporary(where):
+    (where / "temporary").mkdir(exist_ok=True)
+    return str(where / "temporary")
 
 
 def processes_of(session):
@@ -93,9 +108,11 @@ def judge(found, code):
 
 @linux
 @ENDS
-def test_no_worker_outlives_its_command(tmp_path, number, send, code):
-    process = start(["-c", SLEEPERS], tmp_path)
+@pytest.mark.parametrize("script", [SLEEPERS, pytest.param(ON_CLUSTER, marks=needs_cluster)], ids=["jobs", "cluster"])
+def test_no_worker_or_file_outlives_its_command(tmp_path, script, number, send, code):
+    process = start(["-c", script], tmp_path)
     judge(stopped(process, number, send, lambda: len(processes_of(process.pid)) >= FIVE), code)
+    assert not [path for path in os.listdir(temporary(tmp_path)) if not path.startswith(".")]
 
 
 @pytest.mark.parametrize(("module", "name"), [("tyro", "SIGINT"), ("numpy", "SIGTERM")])
