@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from belief.columns import read_columns
 from belief.errors import ActiveTouchError, InvalidArgument
+from belief.files import plain_number
 from belief.naming import index_of
-from belief.validation import Floats, normalise_probs, require_number
+from belief.validation import SUM_TOLERANCE, Floats, normalise_probs, require_number
 
 WRONG_BY = 20.0
 """Factor by which the odds of an opinion may be wrong."""
@@ -58,7 +59,7 @@ def opinion_of(probs: Mapping[str, float], labels: Sequence[str]) -> Floats:
         require_number(f"the probability of {label}", prob, 0.0, 1.0)
         found[index_of("shape", tuple(labels), label)] = prob
     rest, others = 1.0 - np.nansum(found), np.isnan(found)
-    if rest < -1e-6 or (not others.any() and rest > 1e-6):
+    if rest < -SUM_TOLERANCE or (not others.any() and rest > SUM_TOLERANCE):
         raise BadOpinion(
             f"the probabilities of an object must have the sum 1, or less where shapes are left out: {probs}"
         )
@@ -82,11 +83,12 @@ def read_opinion(text: str, labels: Sequence[str], num_objects: int) -> Floats:
     [[0.7, 0.3], [0.7, 0.3]]
     """
     path = Path(text)
-    if "=" in text and not path.exists():
-        pairs = [pair.partition("=") for pair in text.split(",")]
-        one = {name.strip(): _number(value) for name, _, value in pairs}
+    if "=" in text and not _is_there(path):
+        one = dict[str, float]()
+        for name, _, value in (pair.partition("=") for pair in text.split(",")):
+            _say(one, name.strip(), value, text)
         return np.tile(opinion_of(one, labels), (num_objects, 1))
-    if not path.is_file():
+    if not _is_there(path) or not path.is_file():
         raise BadOpinion(f"an opinion is shape=probability, separated by commas, or a CSV file; got {text!r:.80}")
     names = ("shape", "prob", "object")
     table = read_columns([path], names, BadOpinion, needed=("shape", "prob")).arrays
@@ -94,17 +96,28 @@ def read_opinion(text: str, labels: Sequence[str], num_objects: int) -> Floats:
     found = np.full((num_objects, len(labels)), 1.0 / len(labels))
     every: dict[str, dict[str, float]] = {}
     for name, shape, prob in zip(*(table.get(one, blank).tolist() for one in ("object", "shape", "prob")), strict=True):
-        every.setdefault(name, {})[shape] = _number(prob)
-    for name, probs in every.items():
-        if name and not (name.isdecimal() and 1 <= int(name) <= num_objects):
-            raise BadOpinion(f"{path} names the object {name!r}; objects are 1 to {num_objects}")
-        found[slice(None) if not name else int(name) - 1] = opinion_of(probs, labels)
+        _say(every.setdefault(name, {}), shape, prob, f"{path}, object {name or 'any'}")
+    numbers = {str(number): number - 1 for number in range(1, num_objects + 1)}
+    for name, probs in sorted(every.items()):  # "" is first: it is about objects that have no rows of their own
+        if name and name not in numbers:
+            raise BadOpinion(f"{path} names the object {name!r:.40}; objects are 1 to {num_objects}")
+        found[numbers[name] if name else slice(None)] = opinion_of(probs, labels)
     return found
 
 
-def _number(text: str) -> float:
+def _is_there(path: Path) -> bool:
     try:
-        return float(text)
+        return path.exists()
+    except OSError:  # a text that is too long for a name
+        return False
+
+
+def _say(probs: dict[str, float], shape: str, text: str, where: str) -> None:
+    """Add the probability of a shape, which is said once."""
+    if shape in probs:
+        raise BadOpinion(f"the shape {shape!r:.40} is named twice: {where:.80}")
+    try:
+        probs[shape] = plain_number(text)
     except ValueError:
         raise BadOpinion(f"a probability is a number, got {text!r:.40}") from None
 

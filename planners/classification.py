@@ -20,7 +20,7 @@ import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Number
+from numbers import Number, Real
 from typing import Annotated, Any
 
 import numpy as np
@@ -29,13 +29,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import Belief
 from belief.composition import Composition
-from belief.constraints import ABOVE_ZERO, Count, Positive, Within, check, require_rule
-from belief.errors import InvalidArgument
+from belief.constraints import MOST_COUNT, Count, Positive, Within, check, require_rule
+from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.naming import Name, checked_names, few, index_of, one_line
+from belief.naming import Name, checked_names, few, index_of, one_line, shown
 from belief.observation_model.context_fit import OutcomeCode, as_rows, as_table, fit_contexts, in_order
 from belief.observation_model.context_model import MISSING, ContextModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
+from belief.seeding import checked_key
 from belief.statistics import wilson_interval
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
 from belief.table import Table, Tabular, Value
@@ -47,6 +48,8 @@ from planners.session import Session
 _REMEMBERED = 100_000  # decisions, and steps of cases
 _BY_CHANCE = 1e-6  # probability of so many cases as in the fit, below which they are of the fit
 _HEIGHTS, _SLOPES = np.linspace(0.2, 4.5, 44), (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)  # a and b of planned stops
+_COST = Within(1e-150, 1e150)  # sums and ratios of these are floats
+_STOP = Within(0.0, 1.0, open_low=True)
 _ANY, _SHOWN = float(np.nextafter(0.0, 1.0)), 10  # a stop that every probability reaches; classes of a case that prints
 RULES = ("adaptive", "random", "fixed")
 """How actions are chosen: by what they tell for their cost, in random order, or in the order of their numbers."""
@@ -86,7 +89,7 @@ class ActiveClassification(FrozenArrays):
     stop: float | tuple[float, ...] = 0.95
     max_actions: Count | None = None
     budget: Positive | None = None
-    error_cost: Positive | None = None
+    error_cost: Annotated[float, _COST] | None = None
     depth: Annotated[int, Within(1, 2)] = 2
     code: OutcomeCode | None = field(default=None, repr=False)
     certificate: CertifiedThresholds | None = field(default=None, repr=False)
@@ -107,14 +110,17 @@ class ActiveClassification(FrozenArrays):
         costs = np.ones(number) if given is None else np.asarray(as_real(given, "costs"), np.float64)
         if len(names) != number or costs.shape != (number,):
             raise InvalidArgument(f"{number} actions need as many names and costs, got {len(names)} and {costs.shape}")
-        if wrong := [f"{n!r} costs {c:g}" for n, c in zip(names, costs, strict=True) if not 0 < c < np.inf]:
-            raise InvalidArgument(f"actions have costs > 0: {few(wrong)}; give what is free a small cost, such as 1e-3")
+        if wrong := [f"{n!r} costs {c:g}" for n, c in zip(names, costs, strict=True) if _COST.broken(float(c))]:
+            raise InvalidArgument(
+                f"actions have costs > 0: {few(wrong)}; give what is free a small cost, such as 1e-3, and keep all "
+                f"within [{_COST.low:g}, {_COST.high:g}]"
+            )
         if prior.shape != (len(labels),):
             raise InvalidArgument(f"{len(labels)} classes need as many probabilities, got {prior.shape}")
         stops = tuple(np.atleast_1d(self.stop).tolist())
-        if not stops or not all(0.0 < one <= 1.0 or one == np.inf for one in stops):
-            hint = f" ({stops[0] / 100:g}?)" if stops and 1.0 < stops[0] <= 100.0 else ""
-            raise InvalidArgument(f"stop must be in (0, 1], or infinite for never, got {self.stop!r}{hint}")
+        if not stops or any(_STOP.broken(one) and one != np.inf for one in stops):
+            hint = f" ({stops[0] / 100:g}?)" if stops and not Within(1.0, 100.0).broken(stops[0]) else ""
+            raise InvalidArgument(f"stop must be in (0, 1], or infinite for never, got {shown(self.stop)}{hint}")
         if self.certificate is not None and stops != _promised(self.certificate):
             raise InvalidArgument(
                 "the certificate is of other stops: leave it out (certificate=None), and certify the task anew"
@@ -186,12 +192,14 @@ class ActiveClassification(FrozenArrays):
         """
         _require_same_rows(cases, labels)
         cases = as_rows(cases)
-        _require_row(labels)
-        for place, label in enumerate(labels.ravel().tolist() if isinstance(labels, np.ndarray) else labels):
+        given = _flat(labels)
+        for place, label in enumerate(labels if isinstance(labels, list | tuple) else given.tolist()):
             if label is None or label != label or label == "":
                 raise InvalidArgument(f"a label is missing{at((place,))}: leave the case out")
-        given = np.asarray(labels)
-        values, number = np.unique(given, return_inverse=True)
+        try:
+            values, number = np.unique(given, return_inverse=True)
+        except TypeError as error:
+            raise InvalidArgument(f"labels must be of one kind, so that they can be sorted: {error}") from error
         names = tuple(str(value) for value in values.tolist())
         if len(names) < 2:
             raise InvalidArgument(f"cases must be of two or more classes, got {few(names) or 'none'}")
@@ -226,11 +234,11 @@ class ActiveClassification(FrozenArrays):
             num_cases: drawn from the model.
             seed: of the cases.
         """
-        require_rule("error_cost", error_cost, ABOVE_ZERO)
+        require_rule("error_cost", error_cost, _COST)
         require_count("num_cases", num_cases, most=MOST_REPEATED)
         assert self.prior is not None, "set at construction"
         assert self.costs is not None, "set at construction"
-        rng, every = np.random.default_rng(seed), range(self.model.num_poses)
+        rng, every = np.random.default_rng(checked_key(seed)), range(self.model.num_poses)
         truth = rng.choice(len(self.classes), num_cases, p=self.prior)
         cases = [[_outcome(touch) for touch in self.model.sample(int(k), every, rng)] for k in truth]
         whole = replace(self, stop=np.inf, error_cost=None, code=None, certificate=None)
@@ -288,10 +296,15 @@ class ActiveClassification(FrozenArrays):
         for rule in rules:
             decider = self._decider(rule, is_once=True)
             alike = _AlikeCases() if rule != "random" else None
-            found[rule] = tuple(
-                self._played(row, int(label), decider, number, alike)
-                for number, (row, label) in enumerate(zip(outcomes.tolist(), truth.tolist(), strict=True))
-            )
+            answers = []
+            for number, (row, label) in enumerate(zip(outcomes.tolist(), truth.tolist(), strict=True)):
+                try:
+                    answers.append(self._played(row, int(label), decider, number, alike))
+                except ImpossibleObservation as error:
+                    raise ImpossibleObservation(
+                        f"the case{at((number,))} has outcomes {shown(row)}, which no class can have: {error}"
+                    ) from error
+            found[rule] = tuple(answers)
         return Evaluation(self, found)
 
     def certified(
@@ -347,7 +360,7 @@ class ActiveClassification(FrozenArrays):
 
     def _session(self, decider: Decider, seed: int | Sequence[int]) -> Session:
         number = self.model.num_poses
-        limit = self.limit + number  # each action may turn out to be missing
+        limit = min(self.limit + number, MOST_COUNT)  # each action may turn out to be missing
         problem = SearchProblem(
             self.classes, tuple(self.actions), 1, Composition.INDEPENDENT, touch_limit=limit, unsure_reward=0.0
         )
@@ -391,8 +404,7 @@ class ActiveClassification(FrozenArrays):
         return self.model.outcomes_of(np.nan_to_num(as_table(named), nan=MISSING))
 
     def _truth(self, labels: Sequence[Name] | NDArray[Any]) -> NDArray[np.int64]:
-        _require_row(labels)
-        found = np.asarray(labels)
+        found = _flat(labels)
         if found.dtype.kind in "iu" and not set(map(str, np.unique(found).tolist())) <= set(self.classes):
             return checked_indices("labels", found, len(self.classes))
         return np.array([index_of("class", self.classes, str(label)) for label in found.tolist()], np.int64)
@@ -441,7 +453,7 @@ class Case(Tabular):
         if pose in self.taken and not self._task.model.is_repeatable:
             name = self._task.actions[pose]
             raise InvalidArgument(f"{name!r} was told already; undo() takes back what was told last")
-        if outcome is None or (isinstance(outcome, float) and np.isnan(outcome)):
+        if outcome is None or (isinstance(outcome, Real) and outcome != outcome):
             self.tell_outcome(MISSING, pose)
         elif self._task.code is None:
             self.tell_outcome(self._checked(outcome, pose), pose)
@@ -692,10 +704,12 @@ def _require_same_rows(cases: Any, labels: Any) -> None:
         )
 
 
-def _require_row(labels: Any) -> None:
-    """Check that labels are one for each case, and no table with one column."""
-    if (shape := np.shape(labels)) and len(shape) != 1:
-        raise InvalidArgument(f"labels must be (n,), one for each case, got {shape}")
+def _flat(labels: Any) -> NDArray[Any]:
+    """Labels as an array ``(n,)``."""
+    found = np.asarray(labels)
+    if found.ndim != 1:
+        raise InvalidArgument(f"labels must be (n,), one for each case, got {found.shape}")
+    return found
 
 
 def _promised(certificate: CertifiedThresholds) -> tuple[float, ...]:

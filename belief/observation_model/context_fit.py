@@ -7,10 +7,11 @@ Dirichlet distributions). This leaves few numbers to learn, and keeps noise out 
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, field
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from belief.files import plain_number
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names, few
 from belief.observation_model.context_model import MISSING, ContextModel, log_products
-from belief.validation import Floats, as_real, at, checked_indices, require_count, unmasked
+from belief.seeding import checked_key
+from belief.validation import LARGEST_VALUE, Floats, as_real, at, checked_indices, require_count, unmasked
 
 _PRIOR = 0.5  # pseudo-counts of each outcome (Jeffreys), and of each context of a class
 _ROUNDS, _TIED_ROUNDS = 40, 4  # of the fit, without and with equal distributions made one
@@ -32,6 +34,7 @@ _SHARPNESS = np.array([1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3])
 _BINS = 0.65  # times the cube root of the number of cases
 _MOST_JOINT = 32  # outcomes of an action with several columns
 _MOST_WORDS = 64  # different ones in a column
+_MOST_CONTEXTS, _MOST_PAIRS = 100, 10**8  # of a class, and of distributions that are compared
 _EDGE = 0.01  # share of the smallest and of the largest values that do not stretch the bins
 
 
@@ -122,16 +125,19 @@ class OutcomeCode(FrozenArrays):
         if groups is not None:
             each = ((own,) if isinstance(own, str) else own for own in groups)
             columns = tuple(tuple(places.get(column, column) for column in own) for own in each)
-        if not columns or not all(own and set(own) <= set(range(table.shape[1])) for own in columns):
+        indices = {column for own in columns for column in own}
+        is_known = indices <= set(range(table.shape[1])) and all(isinstance(one, Integral) for one in indices)
+        if not columns or not all(columns) or not is_known:
             raise InvalidArgument(
                 f"groups must be columns of each action, {few(list(places)) or f'below {table.shape[1]}'}, "
                 f"got {groups!r:.80}"
             )
         most = int(np.clip(round(_BINS * len(table) ** (1 / 3)), 4, 16)) if num_bins is None else num_bins
+        require_count("num_bins", most)
         size = {c: most if len(own) == 1 else 2 for own in columns for c in own}
         edges = tuple(
-            np.arange(0.5, len(known) - 1) if known else _edges(table[:, c], size.get(c, most))
-            for c, known in enumerate(words or [()] * table.shape[1])
+            np.arange(0.5, len(own_words) - 1) if own_words else _edges(table[:, c], size.get(c, most))
+            for c, own_words in enumerate(words or [()] * table.shape[1])
         )
         joint, largest = [], 1
         for own in columns:
@@ -259,11 +265,16 @@ def fit_contexts(
         raise InvalidArgument(f"there is no case of the class {absent[0]!r}")
     table = table.astype(np.int64)
     numbers = table.max(axis=0) + 1 if sizes is None else np.asarray(sizes, np.int64)
-    choices = [num_contexts] if isinstance(num_contexts, int) else list(num_contexts)
-    for number in choices:
-        require_count("num_contexts", number)
+    choices = list(num_contexts) if isinstance(num_contexts, Sequence) else [num_contexts]
+    for number in choices or [0]:
+        require_count("num_contexts", number, most=_MOST_CONTEXTS)
+        if (pairs := table.shape[1] * (len(labels) * number) ** 2) > _MOST_PAIRS:
+            raise InvalidArgument(
+                f"{table.shape[1]} actions, {len(labels)} classes and {number} contexts of each have {pairs} pairs of "
+                f"distributions to compare, and at most {_MOST_PAIRS} are: join classes, or lower num_contexts"
+            )
     fit = _Fit(len(labels), np.maximum(numbers, 1))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_key(seed))
     held = rng.permutation(len(y)) % _HELD == 0
     held &= np.isin(y, y[~held])
     best, sharpness = choices[0], 1.0
@@ -461,9 +472,14 @@ def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = (), names: Sequ
         cells = found
     cells = cells.astype(np.float64) if cells.dtype.kind == "b" else cells
     table = np.asarray(as_real(cells, "cases"), np.float64)
-    if table.ndim != 2 or np.isinf(table).any():
-        got = f"shape {table.shape}" if table.ndim != 2 else f"inf{at((int(np.isinf(table).any(axis=1).argmax()),))}"
-        raise InvalidArgument(f"cases must be finite numbers (n, C), NaN where missing, got {got}")
+    if table.ndim != 2 or not table.size or (is_large := np.abs(table) > LARGEST_VALUE).any():
+        got = f"shape {table.shape}"
+        if table.ndim == 2 and table.size:
+            row, column = np.argwhere(is_large)[0].tolist()
+            got = f"{table[row, column]:g}{at((row,))}"
+        raise InvalidArgument(
+            f"cases must be finite numbers (n, C), n ≥ 1, within ±{LARGEST_VALUE:g}, NaN where missing, got {got}"
+        )
     return table
 
 
@@ -506,10 +522,17 @@ def _number(cell: Any) -> float | None:
         return plain_number(cell) if isinstance(cell, str) else float(cell) if isinstance(cell, Real) else None
     except ValueError:
         return None
+    except OverflowError:
+        return math.inf
 
 
 def _joined(bins: Sequence[NDArray[np.int64]], sizes: Sequence[int]) -> NDArray[np.int64]:
     """One number for the bins of several columns."""
+    if math.prod(sizes) > np.iinfo(np.int64).max:
+        raise InvalidArgument(
+            f"the {len(sizes)} columns of an action have {math.prod(sizes):.1e} combinations of values, and at most "
+            "2^63 are told apart: make several actions of them"
+        )
     codes = np.zeros(len(bins[0]), np.int64)
     for one, size in zip(bins, sizes, strict=True):
         codes = codes * size + one

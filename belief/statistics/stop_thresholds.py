@@ -183,7 +183,7 @@ def certified_thresholds(
     require_fraction("risk", risk)
     require_fraction("confidence", confidence)
     if candidates.num_searches < 2:
-        raise ValueError(f"at least two searches are needed, got {candidates.num_searches}")
+        raise ValueError(f"at least two {words[1]} are needed, got {candidates.num_searches}")
     level, half = 1.0 - confidence, candidates.num_searches // 2
     proposing, testing = candidates.between(0, half), candidates.between(half, candidates.num_searches)
     chosen = np.full(len(answers) or _num_levels(proposing, risk, level), math.inf)

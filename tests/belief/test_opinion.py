@@ -86,6 +86,8 @@ def test_words_and_files_say_probabilities(tmp_path):
     np.testing.assert_allclose(read_opinion(str(file), LABELS, 3), expected)
     file.write_text("shape,prob\nbowl,1\n")
     np.testing.assert_allclose(read_opinion(str(file), LABELS, 1), [[0.0, 1.0, 0.0]])
+    file.write_text("object,shape,prob\n1,mug,1\n,bowl,1\n")
+    np.testing.assert_allclose(read_opinion(str(file), LABELS, 2), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 @pytest.mark.parametrize(
@@ -96,7 +98,10 @@ def test_words_and_files_say_probabilities(tmp_path):
         ("mug=.7,bowl=.7", BadOpinion),
         ("mug=.2,bowl=.2,cup=.2", BadOpinion),
         ("mug=1.5", ValueError),
+        ("mug=.7,mug=.2", BadOpinion),
+        ("mug=1_0e-2", BadOpinion),
         ("hat=.5", UnknownName),
+        (",".join(f"hat {number}=.001" for number in range(300)), UnknownName),
     ],
 )
 def test_what_is_no_opinion_is_refused(text, error, tmp_path):
@@ -106,7 +111,13 @@ def test_what_is_no_opinion_is_refused(text, error, tmp_path):
 
 def test_files_and_arrays_that_do_not_fit_are_refused(tmp_path):
     file = tmp_path / "camera.csv"
-    for content, message in (("mug,0.8\n1,2\n", "columns"), ("object,shape,prob\n4,mug,1\n", "objects are 1 to 2")):
+    for content, message in (
+        ("mug,0.8\n1,2\n", "columns"),
+        ("object,shape,prob\n4,mug,1\n", "objects are 1 to 2"),
+        ("object,shape,prob\n1,mug,1\n01,bowl,1\n", "names the object '01'"),
+        (f"object,shape,prob\n{'1' * 5000},mug,1\n", "objects are 1 to 2"),
+        ("shape,prob\nmug,.5\nmug,.2\n", "'mug' is named twice"),
+    ):
         file.write_text(content)
         with pytest.raises(BadOpinion, match=message):
             read_opinion(str(file), LABELS, 2)

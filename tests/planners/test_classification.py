@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from belief import Belief
-from belief.errors import InvalidArgument, UnknownName
+from belief.errors import ImpossibleObservation, InvalidArgument, UnknownName
 from belief.observation_model import check_observation_model, read_observation_model
 from belief.observation_model.context_fit import OutcomeCode, fit_contexts, merged_cells
 from belief.observation_model.context_model import ContextModel
@@ -48,7 +48,7 @@ def test_a_prior_counts_and_actions_have_names(task):
     assert case.ask() == "blood"
 
 
-@pytest.mark.parametrize("nothing", [None, np.nan, np.float64("nan")])
+@pytest.mark.parametrize("nothing", [None, np.nan, np.float64("nan"), np.float16("nan")])
 def test_what_cannot_be_carried_out_is_not_asked_again(task, nothing):
     case = task.start()
     assert case.ask() == "blood"
@@ -239,8 +239,12 @@ def test_the_report_is_a_table_of_what_was_stated_right_taken_and_spent(task):
         ({"costs": [1.0]}, "actions need as many"),
         ({"costs": [1.0, -1.0, 1.0]}, "costs > 0: '1' costs -1"),
         ({"costs": [0.0, 1.0, np.inf]}, "costs > 0: '0' costs 0, '2' costs inf; give what is free a small cost"),
+        ({"costs": [1e308, 1.0, 5e-324]}, "'0' costs 1e\\+308, '2' costs 4.9"),
+        ({"error_cost": 1e308}, "error_cost must be a number in"),
         ({"prior": [1.0]}, "classes need"),
         ({"stop": 0.0}, "stop must be"),
+        ({"stop": "0.9"}, "stop must be .* got '0.9'"),
+        ({"stop": [[0.9]]}, "stop must be"),
         ({"stop": 90}, r"infinite for never, got 90 \(0.9\?\)"),
         ({"probs": 100.0 * TESTS}, r"probs\[action 0, class '0'\] is no .*: \[90.0, 10.0\]; divide percentages by 100"),
         ({"probs": np.stack([TESTS, 0.5 * TESTS], axis=2)}, r"probs\[action 0, class '0', context 1\] is .* 0.05\]$"),
@@ -267,6 +271,55 @@ def test_cases_that_do_not_fit_are_refused(task):
     with pytest.raises(ValueError, match="has the outcomes 0, 1, got 7"):
         case.tell(7)
     assert isinstance(case.belief, Belief)
+
+
+def test_a_case_that_no_class_can_have_is_named():
+    sure = ActiveClassification.from_probs(np.array([np.eye(2), np.eye(2)]), stop=np.inf)
+    with pytest.raises(ImpossibleObservation, match=r"the case in row 1 \(from 0\) has outcomes \[0, 1\]"):
+        sure.evaluate([[0, 0], [0, 1]], [0, 0])
+    endless = ActiveClassification.from_probs(TESTS, max_actions=2**53, is_repeatable=True)
+    assert endless.start().ask() == "0"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"labels": np.array([1, "a"] * 4, object)}, "labels must be of one kind"),
+        ({"labels": [(0, 1), (1, 0)] * 4}, r"labels must be \(n,\)"),
+        ({"labels": 3}, r"labels must be \(n,\)"),
+        ({"cases": np.empty((0, 2)), "labels": []}, "two or more classes, got none"),
+        ({"cases": np.tile([[1e308, 1.0], [1.5e308, 2.0]], (4, 1))}, r"within ±1e\+150, .* got 1e\+308 in row 0"),
+        ({"cases": np.array([[10**400, 1]] * 8, object)}, "got inf in row 0"),
+        ({"num_contexts": ()}, "num_contexts must"),
+        ({"num_contexts": 10**9}, "num_contexts must .* at most 100"),
+        ({"num_bins": -1}, "num_bins must"),
+        ({"groups": [[0.0], [1]]}, "groups must be columns"),
+        ({"seed": -1}, "seeds and keys must be"),
+        ({"cases": np.ones((8, 70)), "groups": [range(70)], "num_bins": 2}, None),
+        ({"cases": np.arange(8)[:, None] + np.arange(70), "groups": [range(70)]}, "70 columns of an action have"),
+    ],
+)
+def test_tables_at_the_edge_are_fitted_or_refused_with_the_reason(arguments, message):
+    given = {"cases": np.arange(16.0).reshape(8, 2), "labels": [0, 1] * 4, "num_contexts": 1, **arguments}
+    if message is None:
+        assert ActiveClassification.from_cases(**given).classes == ("0", "1")
+        return
+    with pytest.raises(InvalidArgument, match=message):
+        ActiveClassification.from_cases(**given)
+
+
+def test_more_classes_than_can_be_compared_are_refused_at_once():
+    with pytest.raises(InvalidArgument, match=r"2000 classes and . contexts .* join classes"):
+        fit_contexts(np.zeros((2000, 3), int), np.arange(2000), [str(k) for k in range(2000)])
+
+
+def test_values_of_an_action_are_as_many_as_its_columns():
+    task = ActiveClassification.from_cases(np.arange(16.0).reshape(8, 2), [0, 1] * 4, groups=[[0, 1]], num_contexts=1)
+    for values in (1.0, [1.0], [1.0, 2.0, 3.0]):
+        with pytest.raises(
+            InvalidArgument, match="an outcome has 2 values, of column 0 of cases, column 1"
+        ):
+            task.start().tell(values)
 
 
 def test_a_task_prints_in_a_line_and_says_that_nothing_is_promised(task):
