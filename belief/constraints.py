@@ -128,12 +128,16 @@ def require_rule(name: str, value: Any, rule: Rule, error: type[Exception] = Inv
 
 
 class Constraint(NamedTuple):
-    """The rules of an annotation: of a value or, in a tuple, of each of several; None may be a value as well."""
+    """The rules of an annotation: of a value or, in a tuple, of each of several; None may be a value as well.
+
+    ``length`` is that of such a tuple, 0 for any.
+    """
 
     rules: tuple[Rule, ...]
     is_optional: bool
     may_be_tuple: bool
     may_be_one: bool
+    length: int
 
     @classmethod
     def of(cls, annotation: Any) -> Constraint:
@@ -143,7 +147,9 @@ class Constraint(NamedTuple):
         rules = *(part for part in parts if isinstance(part, Rule)), *map(Choice, choices)
         origins = [get_origin(part) for part in parts]
         is_union = any(origin in (Union, UnionType) for origin in origins)
-        return cls(rules, NoneType in parts, tuple in origins, tuple not in origins or is_union)
+        of_tuple = next((get_args(part) for part in parts if get_origin(part) is tuple), (Ellipsis,))
+        length = 0 if Ellipsis in of_tuple else len(of_tuple)
+        return cls(rules, NoneType in parts, tuple in origins, tuple not in origins or is_union, length)
 
     def require(self, name: str, value: Any, error: type[Exception] = InvalidArgument) -> None:
         """Raise the error of :func:`require_rule` for a value, or for one of a tuple, that breaks a rule."""
@@ -152,6 +158,8 @@ class Constraint(NamedTuple):
         several = self.may_be_tuple and isinstance(value, tuple | list)
         if not (several or self.may_be_one):
             raise error(f"{name} must be a tuple, got {shown(value)}")
+        if several and self.length and len(value) != self.length:
+            raise error(f"{name} must be {self.length} values, got {shown(value)}")
         for rule in self.rules:
             for one in value if several and not isinstance(rule, NotEmpty) else (value,):
                 require_rule(name, one, rule, error)

@@ -15,22 +15,24 @@ share one intensity over rows and places.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.constraints import Checked, NotNegative, Positive, Probability
+from belief.constraints import Checked, NotNegative, Positive, Probability, Within
 from belief.errors import ImpossibleObservation
 from belief.validation import Floats
 
 Floats32 = NDArray[np.floating]
 Ints = NDArray[np.int64]
 
+_Metres: TypeAlias = Annotated[float, Within(1e-6, 1.0, unit=" m")]
 _IRRELEVANT = 1e-6  # weight of a hypothesis, relative to the largest of its object
 _STRAY = 1e-4  # probability that an object is not met although it is hit, or met although it is not
 _ODD, _TALL = 0.02, 0.05  # share of heights that are odd, and the range of heights [m]
@@ -177,13 +179,13 @@ class TouchNoise(Checked):
         near: standard deviation of that density [m].
     """
 
-    height: Positive = 0.001
+    height: _Metres = 0.001
     scale: Positive = 0.9
     drift: NotNegative = 0.03
     repeat: Probability = 0.8
-    near: Positive = 0.005
+    near: _Metres = 0.005
     outliers: Probability = 0.02
-    push: NotNegative = 0.0
+    push: Annotated[float, Within(0.0, 1.0, unit=" m")] = 0.0
 
     def robust(self, scores: Floats32) -> Floats32:
         """Log likelihood ratios of images, of which some are outliers that say nothing, before the scale."""
@@ -683,17 +685,20 @@ class TrayBelief:
 
 _STAND_FOR = 64  # hypotheses
 _KEPT: dict[tuple[int, tuple[float, ...] | None], tuple[Found, Floats32]] = {}
-_MOST_KEPT = 256
+_MOST_KEPT, _KEEPING = 256, threading.Lock()
 
 
 def _kept(belief: TrayBelief, one: Found, margins: tuple[float, ...] | None) -> Floats32:
     """:meth:`TrayBelief.discs`, or :meth:`TrayBelief.hits` without margins, computed once for each found object."""
     key = id(one), margins
-    if key not in _KEPT or _KEPT[key][0] is not one:
-        while len(_KEPT) >= _MOST_KEPT:
-            del _KEPT[next(iter(_KEPT))]
-        _KEPT[key] = one, belief.hits(one) if margins is None else belief.discs(one, margins)
-    return _KEPT[key][1]
+    kept = _KEPT.get(key)
+    if kept is None or kept[0] is not one:
+        kept = one, belief.hits(one) if margins is None else belief.discs(one, margins)
+        with _KEEPING:
+            while len(_KEPT) >= _MOST_KEPT:
+                del _KEPT[next(iter(_KEPT))]
+            _KEPT[key] = kept
+    return kept[1]
 
 
 @lru_cache(maxsize=256)

@@ -116,10 +116,10 @@ def require_count(name: str, value: Any, least: int = 1, most: int = MOST_COUNT)
 
 
 def are_finite(*values: Any) -> bool:
-    """Whether numbers are finite as floats, which NaN and integers beyond the largest float are not."""
+    """Whether values are numbers that are finite as floats, which NaN and integers beyond the largest float are not."""
     try:
         return all(map(math.isfinite, values))
-    except OverflowError:
+    except (OverflowError, TypeError):
         return False
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
-from belief.naming import NONE_OF_THESE, index_of
+from belief.naming import NONE_OF_THESE, index_of, shown
 from belief.problem import Reject, Unsure
 from belief.search_progress import Outcome
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.tray import PlaceTouch, TrayBelief
-from belief.validation import are_finite
+from belief.validation import are_finite, checked_values
 from planners.session_log import AskAndTell, Told, decider_fields
 from planners.tray import (
     ConfirmAt,
@@ -226,18 +226,20 @@ class TraySession(AskAndTell):
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
         if place is None and image is None and height is None and not missed and not isinstance(self.ask(), Press):
             return self._take(self._told(self._asked, self._rng.bit_generator.state, time.time()))
-        x, y = self.place() if place is None else place
-        self._require_within("the place", (x, y))
+        x, y = self._within("the place", self.place() if place is None else place)
         if missed != (image is None) or missed != (height is None):
             raise InvalidArgument("say missed=True, or what was met: an image and the height of the contact")
         embedding = level = None
         if image is not None and height is not None:
             if not (are_finite(height) and 0.0 < height <= _HIGHEST):
                 hint = ": is it in mm?" if are_finite(height) and height > 0.0 else ""
-                raise InvalidArgument(f"the height of a contact is above the floor, in (0, 1] m, got {height}{hint}")
+                raise InvalidArgument(
+                    f"the height of a contact is above the floor, in (0, 1] m, got {shown(height)}{hint}"
+                )
             if self.reader is None:
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
             embedding, level = self.reader.read(image)
+            checked_values("the embedding that the reader made", embedding)
             image = np.asarray(image).astype(np.uint8)
         rng, felt = self._rng.bit_generator.state, ((x, y), height or 0.0, level, embedding, image)
         return self._take(self._told(self._asked, rng, time.time(), *felt))
@@ -257,14 +259,14 @@ class TraySession(AskAndTell):
             UnknownName: there is no such shape.
             InvalidArgument: a place is outside the tray, or there is no object.
         """
+        labels, found = self.belief.table.labels, []
         for label, *place in objects:
-            if label != NONE_OF_THESE:
-                index_of("shape", self.belief.table.labels, label)
-            self._require_within(label, place)
-        if not objects:
+            named = label if label == NONE_OF_THESE else labels[index_of("shape", labels, label)]
+            found.append((named, *self._within(named, place)))
+        if not found:
             raise InvalidArgument("at least one object is in the tray")
-        self._reveal(objects=[list(one) for one in objects])
-        self.objects = tuple((label, float(x), float(y)) for label, x, y in objects)
+        self._reveal(objects=[list(one) for one in found])
+        self.objects = tuple(found)
 
     @property
     def episode(self) -> TrayEpisode:
@@ -308,10 +310,12 @@ class TraySession(AskAndTell):
             self._steps.append(TrayStep(told.place, height, now.target, now.absent, where))
         self._asked = None
 
-    def _require_within(self, what: str, place: Sequence[float]) -> None:
-        size = self.belief.size
-        if not (are_finite(*place) and all(0.0 <= at <= edge for at, edge in zip(place, size, strict=True))):
-            raise InvalidArgument(f"{what} must be in the tray of {size[0]} x {size[1]} m, got {place}")
+    def _within(self, what: str, place: Any) -> tuple[float, float]:
+        """A place (x, y) that is in the tray [m]."""
+        size, found = self.belief.size, tuple(place) if isinstance(place, Iterable) else ()
+        if not (len(found) == 2 and are_finite(*found) and 0.0 <= found[0] <= size[0] and 0.0 <= found[1] <= size[1]):
+            raise InvalidArgument(f"{what} must be in the tray of {size[0]} x {size[1]} m, (x, y), got {shown(place)}")
+        return float(found[0]), float(found[1])
 
     def _told(self, asked: TrayDecision | None, rng: Any, now: float, *felt: Any) -> Told:
         """An answer; ``felt`` are place, height, level, embedding and image of a press. Few beliefs keep the image."""

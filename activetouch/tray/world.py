@@ -14,12 +14,13 @@ from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.solids.solid import Floats, Shape
 from activetouch.tray.resting import Rests, about_vertical, heights_above_floor, rests
-from belief.constraints import Checked, Count, Positive, Probability, Within
+from belief.constraints import Checked, Count, Probability, Within
 from belief.errors import InvalidArgument
 
 _ATTEMPTS = 10_000  # at placing the objects of a tray
 _OUTLINE = 36  # directions in which outlines are compared
 _Edge: TypeAlias = Annotated[float, Within(0.01, 3.0, unit=" m")]
+_Factor: TypeAlias = Annotated[float, Within(0.01, 100.0)]
 _Length: TypeAlias = Annotated[float, Within(0.0, 0.1, unit=" m")]
 
 
@@ -45,7 +46,12 @@ class Tray(Checked):
     height_noise: _Length = 0.0003
     unlisted: Probability = 0.0
     push: Annotated[float, Within(0.0, 0.005)] = 0.0
-    sizes: tuple[Positive, Positive] = (0.97, 1.03)
+    sizes: tuple[_Factor, _Factor] = (0.97, 1.03)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sizes[0] > self.sizes[1]:
+            raise InvalidArgument(f"the smallest of the sizes must not exceed the largest, got {self.sizes}")
 
 
 class Lying(NamedTuple):

@@ -364,10 +364,11 @@ class NestedMixture:
         The last cell stands for the bodies without a cell: each outcome is equally probable.
         """
         key = factors.tobytes()
-        if key not in self._kept:
+        if (found := self._kept.get(key)) is None:
+            found = self._draw(factors)
             self._kept.clear()
-            self._kept[key] = self._draw(factors)
-        return self._kept[key]
+            self._kept[key] = found
+        return found
 
     @cached_property
     def _kept(self) -> dict[bytes, tuple[Floats32, Floats32]]:

@@ -35,6 +35,7 @@ wrong sign 1.00
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -65,7 +66,7 @@ if TYPE_CHECKING:
     from belief.observation_model.varied_bodies import VariedBodyModel, VariedEvidence
     from belief.touch_batch import TouchBatch
 
-_KEPT_BYTES = 2**27  # of tables in single precision
+_KEPT_BYTES, _KEEPING = 2**27, threading.Lock()  # of tables in single precision
 _LEAST = -1e4  # log of a posterior by its prior: an impossible world may come back
 
 
@@ -151,17 +152,21 @@ class SensorHealthModel(OfNominal, ArrayModel):
             self._checked.add(place)
         one = scaled(embedding, self._body.temperature)[0]
         scores = np.empty((len(awake), *found.shape[1:3]), np.float32)
-        room, kept = np.empty_like(found[0], np.int32), self._kept
+        room, kept, used = np.empty_like(found[0], np.int32), self._kept, {}
         is_settled = found.dtype == np.float16 and 2 * len(awake) < len(found)  # then the same are asked for again
         for row, world in enumerate(awake.tolist()):
-            table = kept.pop((place, world), None)
+            table = kept.get((place, world))
             if table is None:
                 table = _single(found[world], np.empty_like(room) if is_settled else room)
             scores[row] = (table.reshape(-1, len(one)) @ one).reshape(scores.shape[1:])
             if is_settled:
-                kept[place, world] = table
-        while len(kept) * room.nbytes > _KEPT_BYTES:
-            del kept[next(iter(kept))]
+                used[place, world] = table
+        with _KEEPING:  # of all sessions of a sensor
+            for key in used:
+                kept.pop(key, None)
+            kept.update(used)
+            while len(kept) * room.nbytes > _KEPT_BYTES:
+                del kept[next(iter(kept))]
         return scores
 
     @cached_property

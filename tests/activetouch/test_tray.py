@@ -4,6 +4,7 @@ import json
 import pickle
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -127,6 +128,13 @@ def test_a_tray_in_another_unit_says_in_which_it_is():
             Tray(**wrong)
     with pytest.raises(BadArgument, match=r"--size must be a number in \[10, 3000\] mm, got 0.4"):
         Drawer(size=(0.4, 0.3)).run()
+    for wrong in ({"size": (0.3,)}, {"size": (0.3, 0.2, 0.1)}, {"sizes": ()}):
+        with pytest.raises(InvalidArgument, match="must be 2 values, got"):
+            Tray(**wrong)
+    with pytest.raises(InvalidArgument, match="the smallest of the sizes must not exceed"):
+        Tray(sizes=(1.1, 0.9))
+    with pytest.raises(InvalidArgument, match=r"sizes must be a number in \[0.01, 100\]"):
+        Tray(sizes=(1.0, 1e308))
     with pytest.raises(InvalidArgument, match=r"tolerance must be a number in \[0, 0.1\] m, got 0.5"):
         NestedPlan(tolerance=0.5)
 
@@ -315,15 +323,19 @@ def test_a_session_refuses_what_makes_no_sense(sensor):
     for wrong in ({}, {"image": image}, {"height": 0.01}, {"missed": True, "height": 0.01}):
         with pytest.raises(InvalidArgument, match="missed=True"):
             session.tell(**wrong)
-    for height in (0.0, -1.0, np.nan, np.inf):
+    for height in (0.0, -1.0, np.nan, np.inf, "0.01", [0.01], 10**5000):
         with pytest.raises(InvalidArgument, match="above the floor"):
             session.tell(image, height)
     with pytest.raises(InvalidArgument, match=r"in \(0, 1\] m, got 25.0: is it in mm\?"):
         session.tell(image, 25.0)
-    for place in ((1.0, 0.0), (np.nan, 0.0), (0.0, -0.1)):
+    for place in ((1.0, 0.0), (np.nan, 0.0), (0.0, -0.1), (0.1,), (0.1, 0.1, 0.1), "ab", 5, ("a", 0.1)):
         with pytest.raises(InvalidArgument, match="in the tray"):
             session.tell(missed=True, place=place)
+        with pytest.raises(InvalidArgument, match="in the tray"):
+            session.reveal([("cube", *place) if isinstance(place, tuple) else ("cube", place)])
     assert not session.steps
+    session.reveal([(1, 0.05, 0.05)])
+    assert session.objects == (("cube", 0.05, 0.05),)
     with pytest.raises(InvalidArgument, match="nothing was told"):
         session.undo()
     with pytest.raises(UnknownName, match="cone"):
@@ -332,6 +344,9 @@ def test_a_session_refuses_what_makes_no_sense(sensor):
         sensor.session("cube", "best")
     blind = TraySession(sensor.belief("cube"), sensor.decider(), sensor.rules)
     with pytest.raises(InvalidArgument, match="no reader"):
+        blind.tell(image, 0.01)
+    blind.reader = SimpleNamespace(identity="", read=lambda image: (np.full(4, np.nan), None))
+    with pytest.raises(ValueError, match="the embedding that the reader made must be finite"):
         blind.tell(image, 0.01)
 
 

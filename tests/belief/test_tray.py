@@ -1,7 +1,10 @@
 """The belief about a tray is the sum over all arrangements of its objects; misses, heights and images are evidence."""
 
 import itertools
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -290,3 +293,22 @@ def test_cells_and_places_agree():
         assert belief.cell_at(*belief.centre(cell)) == cell
     assert belief.cell_at(0.04, 0.03) == (3, 2)
     assert belief.cell_at(0.0, 0.0) == (0, 0)
+
+
+def test_sessions_in_threads_share_what_is_kept(monkeypatch):
+    monkeypatch.setattr(tray_module, "_MOST_KEPT", 2)
+    belief, found = SimpleNamespace(hits=lambda one: one), [object() for _ in range(8)]
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as threads:
+            kept = list(threads.map(lambda number: tray_module._kept(belief, found[number % 8], None), range(20_000)))
+    finally:
+        sys.setswitchinterval(before)
+    assert all(one is found[number % 8] for number, one in enumerate(kept))
+
+
+@pytest.mark.parametrize("wrong", [{"height": 1e300}, {"near": 1e-300}, {"push": 1e300}])
+def test_noise_in_another_unit_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"must be a number in .* m, got"):
+        TouchNoise(**wrong)
