@@ -15,7 +15,7 @@ True
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,23 @@ def require_distribution(name: str, given: object) -> None:
         )
 
 
+def require_support(name: str, given: Any, least: float, most: float, unit: str = "") -> None:
+    """Check that an object is a distribution of numbers that make sense; those in another unit make none."""
+    require_distribution(name, given)
+    low, high = given.support
+    if not least <= low <= high <= most:
+        raise InvalidArgument(f"{name} must lie in [{least:g}, {most:g}]{unit}, got {low:g} to {high:g}")
+
+
+_LIMITS: dict[str, tuple[float, float, str]] = {
+    "size": (1e-3, 1e3, ""),
+    "offset": (-0.1, 0.1, " m"),
+    "force": (0.0, 1e3, " N"),
+    "friction": (0.0, 1e2, ""),
+    "stiffness": (1e-6, 1e6, ""),
+}
+
+
 @dataclass(frozen=True)
 class Variation:
     """What differs from object to object (size, friction, stiffness) and from press to press (offset, force).
@@ -107,7 +124,7 @@ class Variation:
         stiffness: stiffness of the pad's layer together with an object's skin, relative to the pad's alone.
 
     Raises:
-        InvalidArgument: one of them is not a distribution.
+        InvalidArgument: one of them is not a distribution, or goes beyond what makes sense, as in another unit.
     """
 
     size: Distribution = field(default_factory=lambda: Uniform(0.9, 1.1))
@@ -118,7 +135,7 @@ class Variation:
 
     def __post_init__(self) -> None:
         for part in fields(self):
-            require_distribution(part.name, getattr(self, part.name))
+            require_support(part.name, getattr(self, part.name), *_LIMITS[part.name])
 
     def sample_offset(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Displacement of one press, along y and along z [m], ``(2,)``."""

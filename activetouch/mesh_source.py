@@ -22,7 +22,7 @@ from activetouch.errors import BadMesh, DuplicateShape, MeshWarning, warn_of
 from activetouch.robot_file import ROBOTS, is_robot, mesh_paths, read_link, read_robot
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS, OTHERS, why_not
-from activetouch.solids.sizes import unlike_others
+from activetouch.solids.sizes import require_size, unlike_others
 from belief.errors import InvalidArgument
 from belief.files import plain_number
 
@@ -143,10 +143,14 @@ def read_objects(objects: Mapping[str, Shape | Path | str] | Sequence[Path | str
         if unnamed := [label for label in given if not isinstance(label, str) or not label]:
             raise InvalidArgument(f"labels of objects must be texts, got {unnamed[0]!r:.80}")
         files = (Path, str)
-        return {
+        found = {
             label: replace(MeshSource.parse(one), name=label).read() if isinstance(one, files) else one
             for label, one in given.items()
         }
+        for label, solid in found.items():
+            if hasattr(solid, "bounding_radius"):  # a scene says what is missing of others
+                require_size(label, solid.bounding_radius)
+        return found
     if not isinstance(given, Sequence):
         raise InvalidArgument(f"objects are shapes or mesh files by label, or mesh files; got {objects!r:.80}")
     return dict(read_meshes(*given))

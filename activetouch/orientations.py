@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import quaternions
 from activetouch.poses import Quaternion, WorldObject, multiply, random_orientation, turn
-from belief.constraints import Checked, NotNegative, Probability, Within
+from belief.constraints import Checked, Probability, Within
 
 _ANGLE = Within(0.0, np.pi, unit=" rad")
 
@@ -118,7 +118,7 @@ class Moves(Checked):
 
     prob: Probability = 0.2
     angle: Annotated[float, _ANGLE] = np.deg2rad(15.0)
-    shift: NotNegative = 0.005
+    shift: Annotated[float, Within(0.0, 0.1, unit=" m")] = 0.005
 
     def after(self, obj: WorldObject, rng: np.random.Generator) -> WorldObject:
         """The object before its next touch: as it was, or turned and shifted.

@@ -205,14 +205,13 @@ def read_pad(path: str | Path) -> PadDescription:
         FileNotFoundError: there is no such file.
         BadPad: it does not describe a pad.
     """
-    path = Path(path)
-    if not path.exists():
-        raise FileNotFoundError(f"there is no file {path}; relative paths start from {Path.cwd()}")
-    require_regular_file(path, BadPad)
-    if path.stat().st_size > _MOST_BYTES:
-        raise BadPad(f"{path} has more than {_MOST_BYTES} bytes; such descriptions are not read")
+    path = require_regular_file(Path(path), BadPad)
     try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise BadPad(f"it has more than {_MOST_BYTES} bytes")
         return pad_from(tomllib.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise FileNotFoundError(f"there is no file {path}; relative paths start from {Path.cwd()}") from None
     except (OSError, ValueError) as error:  # of TOML, of the encoding, and of entries
         raise BadPad(f"{path} does not describe a pad: {error}") from error
 

@@ -44,6 +44,7 @@ from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, is_own_mirror_image
 from activetouch.solids.family import Family
+from activetouch.solids.sizes import require_size
 from activetouch.solids.solid import Shape, require_hash
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
@@ -287,11 +288,13 @@ class Scene:
 
         Raises:
             UnknownName: the scene has no shape of that name.
+            InvalidArgument: its size is one in another unit.
         """
         shape_index = index_of("shape", self.shape_labels, shape)
-        vary = self.variation
+        label, vary = self.shape_labels[shape_index], self.variation
+        require_size(label, self.solids[label].bounding_radius)
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
-        rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
+        rest, family = self.presentation.rest(rng), self.families.get(label)
         member = family.sample(rng) if family else None
         is_kept = self.hand is not None and self.hand.offset == "kept"
         offset = np.array([vary.offset.sample(rng) for _ in range(3)]) if is_kept else None

@@ -24,7 +24,7 @@ from activetouch.poses import Placement, to_matrix
 from activetouch.solids.raster import foremost
 from activetouch.solids.solid import Floats, Shape
 from activetouch.solids.triangles import grid_centres
-from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Positive, Within, require_rule
+from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Within, require_rule
 from belief.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -75,12 +75,12 @@ class Pad(Checked):
             square, whose points are its taxels.
     """
 
-    half_width: Positive = 0.015
-    half_thickness: Positive = 0.007
+    half_width: Annotated[float, Within(1e-5, 1.0, unit=" m")] = 0.015
+    half_thickness: Annotated[float, Within(1e-5, 1.0, unit=" m")] = 0.007
     num_taxels: Annotated[int, Within(1, 10_000)] = 128
-    stiffness: Positive = 1.45e7
-    max_depth: Positive = 0.003
-    contact_time: Positive = 0.04
+    stiffness: Annotated[float, Within(1e5, 1e12, unit=" N/m³")] = 1.45e7
+    max_depth: Annotated[float, Within(1e-6, 0.1, unit=" m")] = 0.003
+    contact_time: Annotated[float, Within(1e-5, 10.0, unit=" s")] = 0.04
     damping_ratio: NotNegative = 1.0
     layout: Layout | None = field(default=None, metadata={"is_optional": True})
 

@@ -13,7 +13,7 @@ from activetouch.poses import to_matrices
 from activetouch.pressing.contact import Pad
 from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
-from belief.constraints import Positive, Within, check
+from belief.constraints import Within, check
 from belief.errors import InvalidArgument
 
 _VAST = 1e6  # offset [m] or scale
@@ -28,7 +28,7 @@ class Window:
         num_pixels: along an edge.
     """
 
-    edge: Positive
+    edge: Annotated[float, Within(1e-5, 10.0, unit=" m")]
     num_pixels: Annotated[int, Within(1, 10_000)]
 
     def __post_init__(self) -> None:

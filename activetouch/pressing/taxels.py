@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import ceil
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from belief.constraints import Positive, check
 from belief.errors import InvalidArgument
 from belief.files import array_digest
 from belief.frozen import FrozenArrays
+from belief.validation import are_finite
 
 MOST_TAXELS = 16_384
 """Largest number of taxels of a pad."""
@@ -90,7 +92,8 @@ class Taxels(FrozenArrays):
         >>> Taxels.grid(1, 2, 0.01).centres.tolist()
         [[0.0, -0.005, 0.0], [0.0, 0.005, 0.0]]
         """
-        if not (rows >= 1 and columns >= 1 and rows * columns <= MOST_TAXELS and 0.0 < pitch < np.inf):
+        is_whole = isinstance(rows, Integral) and isinstance(columns, Integral) and are_finite(pitch)
+        if not (is_whole and rows >= 1 and columns >= 1 and rows * columns <= MOST_TAXELS and pitch > 0.0):
             raise InvalidArgument(
                 f"a grid has at least one row and column, at most {MOST_TAXELS} taxels and a positive pitch, got "
                 f"{rows} × {columns} and {pitch}"

@@ -26,7 +26,7 @@ from activetouch.distributions import (
     LogUniform,
     Uniform,
     kronecker,
-    require_distribution,
+    require_support,
     roberts_steps,
 )
 from activetouch.pressing.contact import Contact
@@ -81,12 +81,7 @@ class Response:
 
     def __post_init__(self) -> None:
         for part in fields(self):
-            given = getattr(self, part.name)
-            require_distribution(part.name, given)
-            (least, most), (low, high) = _LIMITS[part.name], given.support
-            if not least <= low <= high <= most:
-                unit = _UNITS.get(part.name, "")
-                raise InvalidArgument(f"{part.name} must lie in [{least:g}, {most:g}]{unit}, got {low:g} to {high:g}")
+            require_support(part.name, getattr(self, part.name), *_LIMITS[part.name], _UNITS.get(part.name, ""))
 
     @classmethod
     def of(cls, ranges: Mapping[str, Any]) -> Response:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from belief.errors import InvalidArgument
+
 _SMALLEST, _LARGEST = 0.0005, 0.3  # radius of the bounding ball [m]; objects may be much larger than the pad
 _ORDINARY = (0.005, 0.15)  # radii for which an error message gives the command line [m]
 _USUAL = (0.002, 0.15)  # radii that are read without a remark [m]
@@ -13,15 +15,28 @@ _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "metres":
 
 def size_problem(name: str, radius: float, scale: float) -> str | None:
     """Why the radius of a mesh, read with a scale, is not allowed, with the units that fit; None if it is."""
-    if _SMALLEST <= radius <= _LARGEST:
+    if (problem := _beyond(radius)) is None:
         return None
     usual = [each for each in _UNITS.values() if _ORDINARY[0] <= radius / scale * each <= _ORDINARY[1]]
     example = next(iter(usual), "SCALE")
     return (
-        f"its farthest point is {radius:.4g} m from its origin, allowed are {_SMALLEST} m to {_LARGEST} m. "
-        f"Lengths are in metres. Give its scale: {units_that_fit(radius / scale)}; that is {name}@{example} "
+        f"{problem}. Give its scale: {units_that_fit(radius / scale)}; that is {name}@{example} "
         f"on the command line, activetouch.read_meshes(path, scale={example}) in Python"
     )
+
+
+def require_size(label: str, radius: float) -> None:
+    """Check the radius of a solid that is touched; the error says in which unit it would be allowed."""
+    if problem := _beyond(radius):
+        units = f": {units_that_fit(radius)}" * (1e-9 < radius < 1e9)
+        raise InvalidArgument(f"the shape {label!r}: {problem}{units}")
+
+
+def _beyond(radius: float) -> str | None:
+    if _SMALLEST <= radius <= _LARGEST:
+        return None
+    allowed = f"allowed are {_SMALLEST} m to {_LARGEST} m"
+    return f"its farthest point is {radius:.4g} m from its origin, {allowed}. Lengths are in metres"
 
 
 def odd_size(radius: float) -> str | None:

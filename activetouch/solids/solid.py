@@ -57,10 +57,10 @@ def require_lengths(solid: object, *lengths: float) -> None:
     """Check the lengths of a solid.
 
     Raises:
-        ValueError: a length is not positive and finite.
+        ValueError: a length is no number above zero with which lengths can be compared.
     """
-    if not (are_finite(*lengths) and min(lengths) > 0.0):
-        raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
+    if not (are_finite(*lengths) and min(lengths) >= 1e-9 and max(lengths) <= 1e9):
+        raise ValueError(f"a solid needs finite lengths above zero, in [1e-9, 1e9] m, got {solid}")
 
 
 def require_hash(label: str, solid: Shape) -> None:

@@ -6,6 +6,7 @@ import pytest
 from activetouch import PadDescription, Response, Taxels, read_pad
 from activetouch.distributions import Constant, Uniform
 from activetouch.pad_file import BadPad, pad_from
+from activetouch.pressing.contact import Pad
 from activetouch.rendering.response import TaxelResponse, respond
 from belief.errors import InvalidArgument
 
@@ -138,3 +139,11 @@ def test_readings_may_have_the_rows_of_a_grid_and_none_below_rest():
     np.testing.assert_array_equal(pad.image(readings.reshape(2, 3, 4)), pad.image(readings))
     with pytest.raises(InvalidArgument, match="got -3: subtract those at rest"):
         pad.image(np.full(12, -3.0))
+
+
+@pytest.mark.parametrize("wrong", [(14, 6, np.nan), (14, 6, "3"), ("14", 6, 0.0034), (1.5, 2, 0.0034)])
+def test_a_grid_of_no_numbers_is_refused(wrong):
+    with pytest.raises(InvalidArgument, match="a grid has at least"):
+        Taxels.grid(*wrong)
+    with pytest.raises(InvalidArgument, match=r"half_width must be a number in .* m, got 23.8"):
+        Pad.described(Taxels.grid(14, 6, 3.4))

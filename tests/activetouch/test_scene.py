@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, SHAPES, Quasistatic, Scene
-from activetouch.distributions import LogUniform, Uniform
+from activetouch.distributions import Constant, LogUniform, Uniform
 from activetouch.errors import BadMesh
+from activetouch.mesh_source import read_objects
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
-from activetouch.shapes import Box, Cut, Mesh, Union
+from activetouch.shapes import Box, Cut, Mesh, Sphere, Union
 from belief.errors import InvalidArgument
 
 STILL = Scene(press_model=Quasistatic())
@@ -160,6 +161,37 @@ def test_a_part_of_a_wrong_type_is_refused_when_the_scene_is_made(name, wrong):
 def test_a_variation_that_is_no_distribution_is_refused(name, given):
     with pytest.raises(InvalidArgument, match=f"{name} must be a distribution such as Uniform"):
         Variation(**{name: given})
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"size": Constant(0.0)},
+        {"offset": Uniform(-2.0, 2.0)},
+        {"force": Uniform(1500.0, 3000.0)},
+        {"force": Constant(-1.0)},
+        {"friction": Constant(-1.0)},
+        {"stiffness": Constant(0.0)},
+    ],
+)
+def test_a_variation_that_makes_no_sense_is_refused(wrong):
+    with pytest.raises(InvalidArgument, match=f"{next(iter(wrong))} must lie in "):
+        Variation(**wrong)
+
+
+@pytest.mark.parametrize("radius", [20.0, 1e-9, 1e9])
+def test_a_solid_in_another_unit_is_refused_where_it_is_touched(radius, rng):
+    scene = replace(STILL, shapes={"ball": Sphere(radius), "other": Sphere(0.02)})
+    with pytest.raises(InvalidArgument, match=r"'ball': its farthest point is .* allowed are 0.0005 m to 0.3 m"):
+        scene.sample_object("ball", rng)
+    with pytest.raises(InvalidArgument, match="'ball': its farthest point is"):
+        read_objects(scene.shapes)
+
+
+@pytest.mark.parametrize("radius", [1e-300, 1e308])
+def test_a_solid_of_lengths_without_arithmetic_is_refused(radius):
+    with pytest.raises(ValueError, match=r"lengths above zero, in \[1e-9, 1e9\] m"):
+        Sphere(radius)
 
 
 def test_a_shape_without_triangles_is_refused_by_what_it_lacks():

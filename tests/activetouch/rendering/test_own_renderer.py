@@ -103,9 +103,15 @@ def test_what_are_no_faults_is_refused_when_the_scene_is_made(faults):
         Scene(faults=faults)
 
 
-@pytest.mark.parametrize("wrong", [{"half_width": np.nan}, {"stiffness": 0.0}, {"max_depth": np.inf}])
-def test_lengths_and_stiffness_of_a_pad_are_positive(wrong):
-    with pytest.raises(ValueError, match="must be a finite number > 0"):
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *[{"half_width": np.nan}, {"half_width": 15.0}, {"half_thickness": 7.0}, {"stiffness": 0.0}],
+        *[{"stiffness": 14.5}, {"max_depth": np.inf}, {"max_depth": 3.0}, {"contact_time": 40.0}],
+    ],
+)
+def test_lengths_and_stiffness_of_a_pad_are_those_of_some_pad(wrong):
+    with pytest.raises(ValueError, match=r"must be a number in \[.*\] (m|s|N/m³), got"):
         Pad(**wrong)
 
 
