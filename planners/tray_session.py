@@ -231,11 +231,7 @@ class TraySession(AskAndTell):
             raise InvalidArgument("say missed=True, or what was met: an image and the height of the contact")
         embedding = level = None
         if image is not None and height is not None:
-            if not (are_finite(height) and 0.0 < height <= _HIGHEST):
-                hint = ": is it in mm?" if are_finite(height) and height > 0.0 else ""
-                raise InvalidArgument(
-                    f"the height of a contact is above the floor, in (0, 1] m, got {shown(height)}{hint}"
-                )
+            _require_height(height)
             if self.reader is None:
                 raise InvalidArgument("this session has no reader of images; begin it with sensor.session")
             embedding, level = self.reader.read(image)
@@ -259,14 +255,9 @@ class TraySession(AskAndTell):
             UnknownName: there is no such shape.
             InvalidArgument: a place is outside the tray, or there is no object.
         """
-        labels, found = self.belief.table.labels, []
-        for label, *place in objects:
-            named = label if label == NONE_OF_THESE else labels[index_of("shape", labels, label)]
-            found.append((named, *self._within(named, place)))
-        if not found:
-            raise InvalidArgument("at least one object is in the tray")
+        found = self._lies(objects)
         self._reveal(objects=[list(one) for one in found])
-        self.objects = tuple(found)
+        self.objects = found
 
     @property
     def episode(self) -> TrayEpisode:
@@ -310,6 +301,16 @@ class TraySession(AskAndTell):
             self._steps.append(TrayStep(told.place, height, now.target, now.absent, where))
         self._asked = None
 
+    def _lies(self, objects: Sequence[Any]) -> tuple[Lies, ...]:
+        """The objects that :meth:`reveal` is given, or that a log has, checked."""
+        labels, found = self.belief.table.labels, list[Lies]()
+        for label, *place in objects:
+            named = label if label == NONE_OF_THESE else labels[index_of("shape", labels, label)]
+            found.append((named, *self._within(named, place)))
+        if not found:
+            raise InvalidArgument("at least one object is in the tray")
+        return tuple(found)
+
     def _within(self, what: str, place: Any) -> tuple[float, float]:
         """A place (x, y) that is in the tray [m]."""
         size, found = self.belief.size, tuple(place) if isinstance(place, Iterable) else ()
@@ -349,14 +350,24 @@ class TraySession(AskAndTell):
         if "place" in line:
             level = None if line["level"] is None else float(line["level"])
             arrays = (array_from(line[name]) if name in line else None for name in ("embedding", "image"))
-            felt = line["place"][:2], float(line["height"]), level, *arrays
+            height = line["height"] if "embedding" in line else 0.0
+            if "embedding" in line:
+                _require_height(height)
+            felt = self._within("the place", line["place"]), float(height), level, *arrays
         found = self._told(asked, line["rng"], float(line["time"]), *felt)
         if found.kind != line["told"] or (not felt and (asked is None or isinstance(asked.action, Press))):
             raise ValueError(f"a line says {line['told']!r:.40}, and holds a {found.kind}")
         return found
 
     def _learn(self, truth: Mapping[str, Any]) -> None:
-        self.objects = tuple((str(label), float(x), float(y)) for label, x, y in truth["objects"])
+        self.objects = self._lies(truth["objects"])
+
+
+def _require_height(height: Any) -> None:
+    """Check the height of a contact."""
+    if not (are_finite(height) and 0.0 < height <= _HIGHEST):
+        given = shown(height) + ": is it in mm?" * (are_finite(height) and height > 0.0)
+        raise InvalidArgument(f"the height of a contact is above the floor, in (0, 1] m, got {given}")
 
 
 def action_fields(action: TrayAction) -> dict[str, Any]:

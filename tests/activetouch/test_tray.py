@@ -312,9 +312,11 @@ def test_a_session_that_is_killed_at_every_step_is_the_search(two, decider, tmp_
     with pytest.raises(OtherModel, match="another reader"):
         replace(two, scene=replace(two.scene, shapes=three)).session("cube", decider, begun, log=log)
     header, line = read_journal(log)[:2]
-    Journal.create(tmp_path / "odd", [header, {**line, "told": "done"}]).close()
-    with pytest.raises(CorruptFile, match="no log of a session"):
-        two.session("cube", decider, begun, log=tmp_path / "odd")
+    truth = {"told": "truth", "objects": [["cube", 9.0, 0.1]]}
+    for number, odd in enumerate(({**line, "told": "done"}, {**line, "place": [9.0, 0.1]}, truth)):
+        Journal.create(tmp_path / f"odd{number}", [header, odd]).close()
+        with pytest.raises(CorruptFile, match="no log of a session"):
+            two.session("cube", decider, begun, log=tmp_path / f"odd{number}")
 
 
 def test_a_session_refuses_what_makes_no_sense(sensor):
