@@ -100,7 +100,7 @@ class MeshSource:
             name: "" if not self.name else self.name if len(robot.pieces) == 1 else f"{self.name}/{name}"
             for name in robot.pieces
         }
-        named = {path.resolve() for path in mesh_paths(self.path, self.folder or self.path.parent, robot)}
+        named = {_real(path) for path in mesh_paths(self.path, self.folder or self.path.parent, robot)}
         lines = robot.left_out if robot.pieces else [*robot.left_out, "it has no links or bodies with geometry"]
         return (
             [replace(self, name=names[part], part=part) for part in robot.pieces],
@@ -182,6 +182,11 @@ def read_files(
     return found, left_out
 
 
+def _real(path: Path) -> Path:
+    """The file that links lead to; the path itself where they lead in a circle, which the reader says."""
+    return Path(os.path.realpath(path))
+
+
 def _unlike(meshes: Mapping[Path, Mesh]) -> list[str]:
     """Lines on files whose body is far larger or smaller than most; links of robots have their sizes."""
     files = {path: mesh for path, mesh in meshes.items() if not is_robot(path)}
@@ -216,7 +221,7 @@ def labelled_sources(*sources: Path | str) -> tuple[dict[str, MeshSource], list[
         for path in sorted(_in_folder(source.path), key=lambda path: not is_robot(path)):
             if reason := _refused(path, seen):
                 lines.append(_left_out(path, reason))
-            elif (file := path.resolve()) not in named:
+            elif (file := _real(path)) not in named:
                 seen[file] = path
                 some, meshes, said = replace(source, path=path, folder=source.path).links()
                 links += some
@@ -267,7 +272,7 @@ def _refused(path: Path, seen: Mapping[Path, Path]) -> str | None:
         return "it is a link to a folder; name that, too" if path.is_symlink() else "this folder cannot be opened"
     if (reason := why_not(path)) is not None:
         return reason
-    if (same := seen.get(path.resolve())) is not None:
+    if (same := seen.get(_real(path))) is not None:
         return f"it is the same file as {same}"
     return None
 
@@ -275,8 +280,8 @@ def _refused(path: Path, seen: Mapping[Path, Path]) -> str | None:
 def _labels(sources: Sequence[MeshSource]) -> list[str]:
     """The labels of mesh files: their names, or for files of one name the shortest that tell them apart."""
     files = [source.within for source in sources if not source.name]
-    if again := [path for path, number in Counter(map(Path.resolve, files)).items() if number > 1]:
-        file = next(path for path in files if path.resolve() == again[0])
+    if again := [path for path, number in Counter(map(_real, files)).items() if number > 1]:
+        file = next(path for path in files if _real(path) == again[0])
         raise DuplicateShape(
             f"{file} is given twice, and meshes must have other names than each other; write for example "
             f"my_{file.stem}={file}"

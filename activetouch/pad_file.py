@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ from activetouch.rendering.response import Response, TaxelRenderer, TaxelRespons
 from belief.constraints import NotNegative, Positive, check
 from belief.errors import ActiveTouchError, InvalidArgument
 from belief.files import require_regular_file, write_text
+from belief.validation import are_finite
 
 if TYPE_CHECKING:
     from activetouch.scene import Scene
@@ -37,6 +38,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
 }
 _UNITS = {  # of numbers in files: the least and the largest one, their unit, and those of a number below or above
     "pitch_mm, or between neighbours in centres_mm,": (0.03, 100.0, "mm", "m", "µm"),
+    "half the edge of the square about all taxels": (0.01, 1000.0, "mm", "m", "µm"),
     "area_mm2": (1e-3, 1e4, "mm²", "m²", "µm²"),
     "force": (0.005, 200.0, "N", "kN", "mN"),
     "offset_mm, if not 0,": (0.02, 100.0, "mm", "m", "µm"),
@@ -87,6 +89,7 @@ class PadDescription:
         for name, number in (
             ("pitch_mm, or between neighbours in centres_mm,", 1e3 * self.taxels.pitch),
             ("area_mm2", 1e6 * self.taxels.area),
+            ("half the edge of the square about all taxels", 1e3 * self.taxels.half_width),
             ("force", self.force[0]),
             ("force", self.force[1]),
             ("offset_mm, if not 0,", 1e3 * self.offset),
@@ -212,6 +215,8 @@ def read_pad(path: str | Path) -> PadDescription:
         return pad_from(tomllib.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise FileNotFoundError(f"there is no file {path}; relative paths start from {Path.cwd()}") from None
+    except RecursionError:
+        raise BadPad(f"{path} does not describe a pad: it is nested too deeply") from None
     except (OSError, ValueError) as error:  # of TOML, of the encoding, and of entries
         raise BadPad(f"{path} does not describe a pad: {error}") from error
 
@@ -282,9 +287,9 @@ def _numbers(name: str, given: Any, number: int) -> list[float]:
 
 
 def _number(name: str, given: Any) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float) or not np.isfinite(given):
+    if isinstance(given, bool) or not isinstance(given, int | float) or not are_finite(given):
         raise BadPad(f"{name} must be a finite number, got {given!r:.40}")
-    return float(cast(float, given))
+    return float(given)
 
 
 def _require_known(where: str, given: Mapping[str, Any], known: set[str]) -> None:

@@ -343,7 +343,8 @@ class TraySession(AskAndTell):
     def _answer_from(self, line: Mapping[str, Any]) -> Told:
         from belief.journal import array_from
 
-        asked, felt = None, ()
+        asked: TrayDecision | None = None
+        felt: tuple[Any, ...] = ()
         if "asked" in line:
             scores = {str(name): float(score) for name, score in line["scores"].items()}
             asked = TrayDecision(action_from(line["asked"]), scores)

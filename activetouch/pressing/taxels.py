@@ -32,6 +32,7 @@ MOST_TAXELS = 16_384
 _REACH = 0.58  # of the pitch, from a taxel along y and z: half the diagonal of a hexagon
 _STEEPEST = 0.25  # least part of a normal along the approach axis
 _FEWEST, _USUAL, _FINEST = 12, 32, 256  # pixels along the edge of a raster
+_SIGNS = ".#"  # of a mask: no taxel, and a taxel
 _FINE = 2  # pixels for a pitch, where taxels lie on no grid of pixels
 
 
@@ -102,7 +103,7 @@ class Taxels(FrozenArrays):
         if mask is not None:
             there = _places(mask)
             if there.shape != (rows, columns) or not there.any():
-                raise InvalidArgument(f"a mask must have {rows} rows of {columns} places, and at least one taxel in it")
+                raise InvalidArgument(f"a mask must have {rows} rows of {columns} places, # or ., and at least one #")
             centres = centres[there.ravel()]
         return cls(centres, np.tile([1.0, 0.0, 0.0], (len(centres), 1)), pitch**2)
 
@@ -174,8 +175,10 @@ def _places(mask: Any) -> NDArray[np.bool_]:
     """Which places of a grid have a taxel; empty for something that is no mask."""
     with suppress(TypeError, ValueError):
         if all(isinstance(line, str) for line in mask):
-            mask = [[sign == "#" for sign in line] for line in mask]
-        return np.asarray(mask, bool)
+            mask = [[_SIGNS.index(sign) for sign in line] for line in mask]
+        given = np.asarray(mask)
+        if np.isin(given, (0, 1)).all():
+            return given.astype(bool)
     return np.zeros(0, bool)
 
 

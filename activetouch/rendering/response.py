@@ -34,6 +34,7 @@ from activetouch.pressing.taxels import Taxels
 from activetouch.solids.triangles import Floats
 from belief.constraints import Checked, NotNegative, Positive, Probability, Within
 from belief.errors import InvalidArgument
+from belief.validation import are_finite
 
 _LOGARITHMIC = ("stiffness", "gain")
 _LIMITS = {
@@ -100,7 +101,10 @@ class Response:
             if name not in _LIMITS:
                 raise InvalidArgument(f"a response has no {name!r}, only {', '.join(_LIMITS)}")
             ends = list(given) if isinstance(given, list | tuple) else [given, given]
-            if len(ends) != 2 or not all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends):
+            is_range = len(ends) == 2 and all(
+                isinstance(end, int | float) and not isinstance(end, bool) for end in ends
+            )
+            if not is_range or not are_finite(*ends):
                 raise InvalidArgument(f"{name} must be a number or a range [low, high], got {given!r:.80}")
             low, high = map(float, ends)
             try:

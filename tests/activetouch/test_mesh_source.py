@@ -276,3 +276,9 @@ def test_an_object_much_larger_than_the_pad_is_pressed(press_model, folder, rng)
         pressed = scene.press(scene.sample_object(label, rng), "front", rng)
         assert 1.0 < pressed.contact.force < 3.5
         assert pressed.ideal.max() > 0.05
+
+
+def test_a_file_that_leads_to_itself_is_not_there(tmp_path):
+    (tmp_path / "loop.stl").symlink_to(tmp_path / "loop.stl")
+    with pytest.raises(FileNotFoundError, match="there is no mesh file"):
+        read_meshes(tmp_path / "loop.stl")

@@ -31,6 +31,7 @@ def test_a_description_is_written_and_read(tmp_path):
         ({"grid": {"rows": 14, "columns": 6}}, "pitch_mm"),
         ({"grid": GRID | {"colums": 3}}, "colums"),
         ({"grid": GRID | {"mask": ["##"]}}, "mask"),
+        ({"grid": {"rows": 1, "columns": 2, "pitch_mm": 3.0, "mask": ["#X"]}}, "a mask must have .* # or ."),
         ({"grid": None}, "grid"),
         ({"taxels": {"centres_mm": [[0, 0, 0]]}}, "one of them"),
         ({"response": {"low": [1, 2]}}, "'low'"),
@@ -48,6 +49,9 @@ def test_a_description_is_written_and_read(tmp_path):
         ({"press": {"offset_mm": 0.002}}, "offset_mm.* is it in m"),
         ({"press": {"depth_mm": 3000}}, "depth_mm.* is it in µm"),
         ({"full_scale_kpa": 1e5}, "full_scale_kpa.* is it in Pa"),
+        ({"full_scale_kpa": 10**400}, "full_scale must be a finite number"),
+        ({"response": {"law": 10**400}}, "law"),
+        ({"grid": GRID | {"rows": 1, "columns": 10_000, "pitch_mm": 90.0}}, "about all taxels .* got 450000"),
     ],
 )
 def test_an_error_names_the_entry(change, said):
@@ -65,7 +69,7 @@ def test_a_list_of_taxels_in_metres_and_a_grid_in_millimetres_are_refused():
 def test_a_file_that_is_none(tmp_path):
     with pytest.raises(FileNotFoundError):
         read_pad(tmp_path / "none.toml")
-    for content in (b"grid = [", b"\xff\xfe", b"x = 1"):
+    for content in (b"grid = [", b"\xff\xfe", b"x = 1", b"x = " + b"[" * 9999):
         (tmp_path / "bad.toml").write_bytes(content)
         with pytest.raises(BadPad, match=r"bad\.toml"):
             read_pad(tmp_path / "bad.toml")
