@@ -36,13 +36,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from belief.constraints import Fraction, check
+from belief.constraints import Fraction, Within, check
+from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
+from belief.naming import shown
 from belief.table import Table, Tabular
 from belief.validation import Floats, require_number
 
@@ -81,7 +84,7 @@ class OnlineStops(FrozenArrays, Tabular):
         InvalidArgument: a number is out of its range.
     """
 
-    risk: Fraction = 0.05
+    risk: Annotated[float, Within(1e-6, 1.0, open_high=True)] = 0.05
     confidence: Fraction = 0.9
     seen: NDArray[np.int64] | None = None
     wrong: NDArray[np.int64] | None = None
@@ -123,6 +126,8 @@ class OnlineStops(FrozenArrays, Tabular):
             is_wrong: whether this answer was wrong.
         """
         require_number("stated", stated, 0.0, 1.0)
+        if is_wrong not in (False, True):
+            raise InvalidArgument(f"is_wrong must be True or False, got {shown(is_wrong)}")
         assert self.alarm is not None, "set at construction"
         assert self.seen is not None, "set at construction"
         assert self.wrong is not None, "set at construction"

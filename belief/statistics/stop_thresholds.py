@@ -29,11 +29,13 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
+from belief.constraints import MOST_COUNT
 from belief.table import Table, Tabular
 from belief.validation import require_fraction
 
 _SURE = (1 - 1e-6, 1 - 1e-5, 0.9999, 0.9995, 0.999, 0.998, 0.995, 0.99, 0.98, 0.97)
 _GRID = (*_SURE, 0.95, 0.93, 0.9, 0.85, 0.8, 0.65, 0.5, 0.0)
+_MOST_LEVELS = 1000  # numbers of touches that are told apart
 _MARGIN = 0.25  # a proposal must pass its own half at this part of the level, so that most pass the other half
 
 
@@ -236,7 +238,7 @@ def _uncertified(candidates: CandidateStops, chosen: NDArray[np.float64], answer
 
 def least_searches(risk: float, confidence: float) -> int:
     """The least number of searches, all without error, from which :func:`certified_thresholds` certifies a stop."""
-    return 2 * math.ceil(math.log(_MARGIN * (1.0 - confidence)) / math.log1p(-risk))
+    return 2 * math.ceil(min(math.log(_MARGIN * (1.0 - confidence)) / math.log1p(-risk), MOST_COUNT))
 
 
 def _p_values(candidates: CandidateStops, thresholds: NDArray[np.float64], risk: float) -> NDArray[np.float64]:
@@ -248,7 +250,7 @@ def _p_values(candidates: CandidateStops, thresholds: NDArray[np.float64], risk:
 
 def _num_levels(candidates: CandidateStops, risk: float, level: float) -> int:
     """How many numbers of touches are told apart: the last one, which pools the rest, must have enough stops."""
-    touches = candidates.touches[candidates.stops([1.0 - risk])]
+    touches = np.minimum(candidates.touches[candidates.stops([1.0 - risk])], _MOST_LEVELS - 1)
     at_least = np.cumsum(np.bincount(touches, minlength=1)[::-1])[::-1]
     return max(int(np.count_nonzero(at_least >= least_searches(risk, 1.0 - level))), 1)
 

@@ -104,3 +104,17 @@ def test_numbers_out_of_range_are_refused():
         OnlineStops(risk=0.0)
     with pytest.raises(InvalidArgument, match="stated"):
         OnlineStops().after(1.5, False)
+
+
+@pytest.mark.parametrize("risk", [5e-324, 1e-300])
+def test_a_risk_without_arithmetic_is_refused(risk):
+    with pytest.raises(InvalidArgument, match=r"risk must be a number in \[1e-06, 1\)"):
+        OnlineStops(risk=risk)
+    assert OnlineStops(risk=1e-6).after(1.0, False).threshold == np.inf
+
+
+@pytest.mark.parametrize("given", [None, "no", np.nan, 2])
+def test_an_outcome_is_wrong_or_right(given):
+    with pytest.raises(InvalidArgument, match="is_wrong must be True or False, got"):
+        OnlineStops().after(0.9, given)
+    assert OnlineStops().after(0.9, np.bool_(True)).num_wrong == 1

@@ -136,3 +136,11 @@ def test_where_nothing_is_promised_the_reason_is_said(stated, wrong, words):
     is_wrong = np.arange(number) % 50 < 50 * wrong
     candidates = CandidateStops(np.arange(number), np.ones(number, int), np.full(number, stated), is_wrong, number)
     assert re.search(words, certified_thresholds(candidates, risk=0.05).note)
+
+
+def test_any_number_of_touches_and_any_risk_is_certified_or_says_what_is_needed():
+    right = np.zeros(400, bool)
+    late = CandidateStops(np.arange(400), np.full(400, 10**12), np.ones(400), right, 400)
+    assert certified_thresholds(late, 0.05).thresholds[-1] == 0.0
+    soon = CandidateStops(np.arange(400), np.ones(400, int), np.ones(400), right, 400)
+    assert "Nothing is promised with 400 searches" in certified_thresholds(soon, 5e-324).note
