@@ -22,7 +22,8 @@ from activetouch.errors import BadMesh, DuplicateShape, MeshWarning, warn_of
 from activetouch.robot_file import ROBOTS, is_robot, mesh_paths, read_link, read_robot
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS, OTHERS, why_not
-from activetouch.solids.sizes import require_size, unlike_others
+from activetouch.solids.sizes import unlike_others
+from activetouch.solids.solid import require_size
 from belief.errors import InvalidArgument
 from belief.files import plain_number
 

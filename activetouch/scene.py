@@ -44,8 +44,7 @@ from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, is_own_mirror_image
 from activetouch.solids.family import Family
-from activetouch.solids.sizes import require_size
-from activetouch.solids.solid import Shape, require_hash
+from activetouch.solids.solid import Shape, require_hash, require_size
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count

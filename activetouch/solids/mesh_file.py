@@ -25,8 +25,8 @@ from activetouch.errors import BadMesh
 from activetouch.extras import EXTRAS, is_installed
 from activetouch.solids.library_file import MOST_BYTES, read_by_library
 from activetouch.solids.polygons import ears, not_fans
-from activetouch.solids.sizes import odd_size, units_that_fit
-from activetouch.solids.solid import Floats, Ints
+from activetouch.solids.sizes import odd_size
+from activetouch.solids.solid import Floats, Ints, units_that_fit
 from belief.errors import install_command
 from belief.files import plain_number, require_regular_file
 

@@ -10,6 +10,7 @@ from activetouch.solids.raster import Surface
 from activetouch.solids.triangles import Floats as Floats
 from activetouch.solids.triangles import Ints as Ints
 from activetouch.solids.triangles import on_spiral as on_spiral
+from belief.errors import InvalidArgument
 from belief.validation import are_finite
 
 FINITE = 1e308
@@ -61,6 +62,39 @@ def require_lengths(solid: object, *lengths: float) -> None:
     """
     if not (are_finite(*lengths) and min(lengths) >= 1e-9 and max(lengths) <= 1e9):
         raise ValueError(f"a solid needs finite lengths above zero, in [1e-9, 1e9] m, got {solid}")
+
+
+SMALLEST, LARGEST = 0.0005, 0.3
+"""Radius of the bounding ball of an object [m]; objects may be much larger than the pad."""
+UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "metres": 1.0}
+"""The usual units of files [m]."""
+
+
+def require_size(label: str, radius: float) -> None:
+    """Check the radius of a solid that is touched; the error says in which unit it would be allowed."""
+    if problem := size_beyond(radius):
+        units = f": {units_that_fit(radius)}" * (1e-9 < radius < 1e9)
+        raise InvalidArgument(f"the shape {label!r}: {problem}{units}")
+
+
+def size_beyond(radius: float) -> str | None:
+    """Why a radius is not allowed; None if it is."""
+    if SMALLEST <= radius <= LARGEST:
+        return None
+    allowed = f"allowed are {SMALLEST} m to {LARGEST} m"
+    return f"its farthest point is {radius:.4g} m from its origin, {allowed}. Lengths are in metres"
+
+
+def units_that_fit(radius: float) -> str:
+    """The scales of the usual units in which a radius, in the unit of its file, is allowed.
+
+    >>> units_that_fit(20.0)
+    '0.001 if it is in millimetres, or 0.01 if it is in centimetres'
+    """
+    fitting = [(unit, scale) for unit, scale in UNITS.items() if SMALLEST <= radius * scale <= LARGEST]
+    if not fitting:
+        return f"no usual unit fits, but {SMALLEST / radius:.2g} to {LARGEST / radius:.2g} would"
+    return ", or ".join(f"{scale:g} if it is in {unit}" for unit, scale in fitting)
 
 
 def require_hash(label: str, solid: Shape) -> None:
