@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from belief.validation import as_real, require
 
 Kind = TypeVar("Kind", bound=np.generic)
+_PRINTED = 8  # numbers of an array
 
 
 def frozen(array: NDArray[Kind]) -> NDArray[Kind]:
@@ -30,6 +31,16 @@ class FrozenArrays:
 
     A subclass with a ``__post_init__`` of its own calls :meth:`freeze` at its end.
     """
+
+    def __init_subclass__(cls, **named: Any) -> None:
+        """Print arrays of many numbers by their shape; a dataclass keeps a ``__repr__`` that its class has."""
+        super().__init_subclass__(**named)
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = FrozenArrays.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        parts = (f"{one.name}={_in_short(getattr(self, one.name))}" for one in fields(self) if one.repr)  # type: ignore[arg-type]
+        return f"{type(self).__name__}({', '.join(parts)})"
 
     def __post_init__(self) -> None:
         self.freeze()
@@ -55,3 +66,10 @@ class FrozenArrays:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.freeze()
+
+
+def _in_short(value: Any) -> str:
+    """An array of more than eight numbers by its type and shape, anything else as it is printed."""
+    if isinstance(value, np.ndarray) and value.size > _PRINTED:
+        return f"<{value.dtype} {value.shape}>"
+    return repr(value)

@@ -235,6 +235,11 @@ def test_arrays_are_read_only_and_stay_so_in_copies_and_pickles(name, again):
             array[...] = 0
 
 
+def test_arrays_of_many_numbers_are_printed_by_their_shape():
+    model = ContextModel(("a", "b"), np.full((3, 2, 1, 4), 0.25))
+    assert "shape_labels=('a', 'b'), probs=<float64 (3, 2, 1, 4)>, weights=array([[1.]," in repr(model)
+
+
 def test_a_view_of_an_array_that_can_be_written_to_is_copied():
     mine = np.zeros((2, 3))
     view = mine[0]
