@@ -307,16 +307,17 @@ class ObjectConflict:
 class SimulatedTouches(FrozenArrays):
     """Tests that a touch is like those simulated in some state of a sensor, by distances between embeddings.
 
-    The distance to the nearest touch of a state is compared with those within this state, because touches of a noisy
-    sensor are far from each other. So a strange touch is far from the touches of every state.
+    A strange touch is far from the nearest one, as far as few are from theirs. And it is far from the touches of every
+    state, for distances within this state: touches of a noisy sensor are far from each other. The smaller of the two
+    e-values counts, so a touch is strange only if it is so in both ways.
 
     Attributes:
         embeddings: of the simulated touches, state by state, ``(B, D)``.
         starts: place of the first touch of each state, ``(S,)``.
         levels: median of the log squared distances within each state, ``(S,)``.
         widths: their spread above the median, ``(S,)``.
-        scores: of each touch, the least of its standardised distances to the other touches of a state, increasing,
-            ``(B,)``.
+        scores: of each touch, the log squared distance to the nearest other one, and the least of the standardised
+            distances to the others of a state, each increasing, ``(2, B)``.
         nearest: a squared distance that is added to all, so that the logarithm of the smallest ones is not extreme.
 
     >>> known = SimulatedTouches.of(np.random.default_rng(0).normal(size=(500, 3)))
@@ -344,7 +345,7 @@ class SimulatedTouches(FrozenArrays):
         order = np.argsort(group, kind="stable")
         group, owner = group[order], (np.arange(number) if owners is None else np.asarray(owners))[order]
         starts, flat = group.searchsorted(np.arange(group[-1] + 1)), np.zeros(group[-1] + 1)
-        found = cls(np.asarray(embeddings, np.float32)[order], starts, flat, flat + 1.0, np.zeros(number))
+        found = cls(np.asarray(embeddings, np.float32)[order], starts, flat, flat + 1.0, np.zeros((2, number)))
         away = np.empty((number, len(starts)))
         for first in range(0, number, _AT_ONCE):
             some = np.arange(first, min(first + _AT_ONCE, number))
@@ -357,13 +358,8 @@ class SimulatedTouches(FrozenArrays):
         levels = np.array([np.median(one) for one in within])
         highs = np.array([np.quantile(one, _HIGH) for one in within])
         widths = np.maximum(highs - levels, _LEAST_WIDTH)
-        return replace(
-            found,
-            levels=levels,
-            widths=widths,
-            scores=np.sort(((logs - levels) / widths).min(axis=1)),
-            nearest=nearest,
-        )
+        found = replace(found, levels=levels, widths=widths, nearest=nearest)
+        return replace(found, scores=np.sort(found._scores(logs), axis=1))
 
     @property
     def states(self) -> NDArray[np.int64]:
@@ -372,11 +368,18 @@ class SimulatedTouches(FrozenArrays):
 
     def e_value(self, embedding: Floats) -> float:
         """E-value of ``embedding (D,)`` against "one more simulated touch": the mean of bets on a low p-value."""
-        away = np.minimum.reduceat(self._to_each(np.asarray(embedding)[None])[0], self.starts)
-        score = ((_logs(away + self.nearest) - self.levels) / self.widths).min()
-        number = len(self.scores)
-        log_p = log((1 + number - int(self.scores.searchsorted(score))) / (number + 1))
+        away = np.minimum.reduceat(self._to_each(np.asarray(embedding)[None]), self.starts, axis=1)
+        number = self.scores.shape[1]
+        ranks = (
+            int(known.searchsorted(score))
+            for known, (score,) in zip(self.scores, self._scores(_logs(away + self.nearest)), strict=True)
+        )
+        log_p = log((1 + number - min(ranks)) / (number + 1))
         return float(np.exp(_LOG_KEPT[NOVELTY, :3] - _POWERS[NOVELTY, :3] * log_p).mean())
+
+    def _scores(self, logs: Floats) -> Floats:
+        """Both scores of touches, ``(2, n)``, from log squared distances to the nearest of each state, ``(n, S)``."""
+        return np.stack([logs.min(axis=1), ((logs - self.levels) / self.widths).min(axis=1)])
 
     def _to_each(self, embeddings: NDArray[np.floating]) -> NDArray[np.float32]:
         """Squared distances of ``embeddings (n, D)`` to each simulated touch, ``(n, B)``."""

@@ -162,7 +162,7 @@ HOLDERS = {
         [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
     ),
     "Novelty": (Novelty, [ROWS, np.eye(2), np.zeros(4), np.ones(4)]),
-    "SimulatedTouches": (SimulatedTouches, [ROWS, np.zeros(1, int), np.zeros(1), np.ones(1), np.zeros(len(ROWS))]),
+    "SimulatedTouches": (SimulatedTouches, [ROWS, np.zeros(1, int), np.zeros(1), np.ones(1), np.zeros((2, len(ROWS)))]),
     "UsualMisfit": (UsualMisfit, [np.zeros((3, 1)), np.zeros((3, 2)), np.ones((3, 2))]),
     "ConflictTest": (
         lambda a, b, c: ConflictTest(Novelty(ROWS, np.eye(2), b[0], b[0]), UsualMisfit(a, a, a), a[0], b[0], c, 20),

@@ -316,9 +316,7 @@ def test_more_classes_than_can_be_compared_are_refused_at_once():
 def test_values_of_an_action_are_as_many_as_its_columns():
     task = ActiveClassification.from_cases(np.arange(16.0).reshape(8, 2), [0, 1] * 4, groups=[[0, 1]], num_contexts=1)
     for values in (1.0, [1.0], [1.0, 2.0, 3.0]):
-        with pytest.raises(
-            InvalidArgument, match="an outcome has 2 values, of column 0 of cases, column 1"
-        ):
+        with pytest.raises(InvalidArgument, match="an outcome has 2 values, of column 0 of cases, column 1"):
             task.start().tell(values)
 
 
