@@ -24,7 +24,7 @@ import trimesh
 from activetouch import TactileSensor, read_pad
 from benchmarks.pad_fits import simulated
 from experiments.search.benchmark.checking import check
-from tests import test_readme
+from tests import test_numbers, test_readme
 from tests.experiments.search import test_benchmark
 from tests.test_docs_commands import METHOD, PAGES, PAPER_METHOD, ROOT, command_lines, shell_lines
 
@@ -194,3 +194,9 @@ def test_an_example_runs_in_full(name, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", [name])
     runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
     assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("page", test_numbers.tables.OF_ALL_SUBMISSIONS)
+def test_the_scoreboard_is_that_of_all_committed_files(page):
+    text = (ROOT / page).read_text()
+    assert test_numbers.tables.PAGES[page](text) == text, "run python docs/generate/tables.py"

@@ -256,7 +256,7 @@ NAMED = {  # splits of the record, and what the page calls them
 
 def benchmark(page: str) -> str:
     """The page with its table of the tasks, with a baseline."""
-    entries, by_task = _submissions()
+    entries, by_task = _submissions(_BASELINES)
     own = {one.submission.header.task: one for one in entries if one.submission and one.name in _BASELINES}
     tasks = []
     for card in Card.every():
@@ -291,9 +291,10 @@ def baselines(page: str) -> str:
 
 
 @cache
-def _submissions() -> tuple[list[Any], dict[str, dict[str, Any]]]:
-    """All submissions, and the rows of their results by task and agent."""
-    entries = check(sorted((RECORDS / "submissions").glob("*/*.gz")), share=0.0)
+def _submissions(files: tuple[str, ...] = ("*",)) -> tuple[list[Any], dict[str, dict[str, Any]]]:
+    """The submissions in these files, all by default, and the rows of their results by task and agent."""
+    paths = (path for name in files for path in (RECORDS / "submissions").glob(f"*/{name}.jsonl.gz"))
+    entries = check(sorted(paths), share=0.0)
     assert not [entry for entry in entries if entry.faults], entries
     shown = [table for table in submission_tables(entries) if table.name.endswith("_results")]
     by_task = {table.name.removesuffix("_results"): table.records() for table in shown}
@@ -314,6 +315,8 @@ PAGES = {
     "experiments/search/benchmark/baselines.json": baselines,
 }
 """What fills each page, by its path."""
+OF_ALL_SUBMISSIONS = ("records/submissions/README.md", "experiments/search/benchmark/baselines.json")
+"""Those that read every submission, for which the nightly list has the time."""
 
 
 _TARGETS = ("sphere", "cube", "cylinder", "cone")

@@ -124,7 +124,8 @@ async def _greeted(address: str) -> None:
 def _started_forks() -> dict[str, str]:
     """Start the process whose forks are the workers, and let it load the modules of this one; Dask's settings for it.
 
-    Where there are no forks, each worker loads them for itself.
+    Where there are no forks, or a socket in the temporary folder would have too long a path, each worker loads them for
+    itself.
     """
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return {}
@@ -133,7 +134,10 @@ def _started_forks() -> dict[str, str]:
     own = [name for name in sys.modules if name.partition(".")[0] in OWN_PACKAGES]
     with block_interrupt():
         forkserver.set_forkserver_preload(["distributed", "scipy.special", "scipy.spatial", *own])
-        forkserver.ensure_running()
+        try:
+            forkserver.ensure_running()
+        except OSError:
+            return {}
     return {"distributed.worker.multiprocessing-method": "forkserver"}
 
 

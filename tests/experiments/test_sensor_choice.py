@@ -242,7 +242,7 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
         replace(independent, sensor=tmp_path / "sensor").open_sensor()
 
 
-def test_a_guarded_sensor_doubts_what_it_can():
+def test_a_guarded_sensor_doubts_what_it_can(few_hypotheses):
     doubting = open_sensor(None, SceneChoice("coarse"), guarded=True).model
     assert isinstance(doubting, DoubtedSensorModel)
     assert isinstance(doubting.nominal, VariedBodyModel)

@@ -47,7 +47,7 @@ def test_folds_keep_objects_whole_and_shapes_even(num_folds, ids, random):
 @pytest.mark.parametrize(
     ("shapes", "ids", "num_folds", "message"),
     [
-        ([0, 1], [1, 2], 3, "between 1 and 2 folds"),
+        ([0, 1], [1, 2], 3, "give num_folds=2"),
         ([0, 1], [1, 2], 0, "at least 1, got 0"),
         ([0, 1], [1, 2], 1.5, "must be an integer"),
         ([0, 1], [1, 2], True, "must be an integer"),
