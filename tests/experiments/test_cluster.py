@@ -222,7 +222,7 @@ def test_what_is_no_scheduler_is_not_waited_for(monkeypatch):
 
 @pytest.mark.mujoco
 def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, tmp_path, monkeypatch):
-    address, long = two_workers.address, 400  # in 32 batches, two seconds of a worker
+    address, long = two_workers.address, 175  # in 14 batches
     whole = played(tmp_path / "alone", episodes=long)
     at_first_batch(monkeypatch, two_workers.scheduler.kill)  # so this is the last test
     with pytest.raises(ClusterFailed) as lost, on_cluster(address):
@@ -230,7 +230,7 @@ def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, tm
     assert f"scheduler at {address} was lost. Finished results are kept" in str(lost.value)
     assert str(lost.value).endswith("the same command goes on")
     kept = contents(tmp_path / "run" / "cells")
-    assert 1 <= b"".join(kept.values()).count(b"\n") < 32
+    assert 1 <= b"".join(kept.values()).count(b"\n") < 14
     with dask(tmp_path, port=address.rpartition(":")[2], workers=1), on_cluster(address):
         assert played(tmp_path / "run", episodes=long) == whole
     assert all((tmp_path / "run" / "cells" / name).read_bytes().startswith(lines) for name, lines in kept.items())
