@@ -358,8 +358,8 @@ class SimulatedTouches(FrozenArrays):
         levels = np.array([np.median(one) for one in within])
         highs = np.array([np.quantile(one, _HIGH) for one in within])
         widths = np.maximum(highs - levels, _LEAST_WIDTH)
-        found = replace(found, levels=levels, widths=widths, nearest=nearest)
-        return replace(found, scores=np.sort(found._scores(logs), axis=1))
+        scores = np.sort(_scores(logs, levels, widths), axis=1)
+        return replace(found, levels=levels, widths=widths, scores=scores, nearest=nearest)
 
     @property
     def states(self) -> NDArray[np.int64]:
@@ -369,17 +369,10 @@ class SimulatedTouches(FrozenArrays):
     def e_value(self, embedding: Floats) -> float:
         """E-value of ``embedding (D,)`` against "one more simulated touch": the mean of bets on a low p-value."""
         away = np.minimum.reduceat(self._to_each(np.asarray(embedding)[None]), self.starts, axis=1)
-        number = self.scores.shape[1]
-        ranks = (
-            int(known.searchsorted(score))
-            for known, (score,) in zip(self.scores, self._scores(_logs(away + self.nearest)), strict=True)
-        )
-        log_p = log((1 + number - min(ranks)) / (number + 1))
+        felt, number = _scores(_logs(away + self.nearest), self.levels, self.widths), self.scores.shape[1]
+        rank = min(int(known.searchsorted(score)) for known, (score,) in zip(self.scores, felt, strict=True))
+        log_p = log((1 + number - rank) / (number + 1))
         return float(np.exp(_LOG_KEPT[NOVELTY, :3] - _POWERS[NOVELTY, :3] * log_p).mean())
-
-    def _scores(self, logs: Floats) -> Floats:
-        """Both scores of touches, ``(2, n)``, from log squared distances to the nearest of each state, ``(n, S)``."""
-        return np.stack([logs.min(axis=1), ((logs - self.levels) / self.widths).min(axis=1)])
 
     def _to_each(self, embeddings: NDArray[np.floating]) -> NDArray[np.float32]:
         """Squared distances of ``embeddings (n, D)`` to each simulated touch, ``(n, B)``."""
@@ -389,6 +382,11 @@ class SimulatedTouches(FrozenArrays):
     @cached_property
     def _squares(self) -> NDArray[np.float32]:
         return np.square(self.embeddings).sum(axis=1)
+
+
+def _scores(logs: Floats, levels: Floats, widths: Floats) -> Floats:
+    """Both scores of n touches, ``(2, n)``, from log squared distances to the nearest one of each state, ``(n, S)``."""
+    return np.stack([logs.min(axis=1), ((logs - levels) / widths).min(axis=1)])
 
 
 def _logs(squares: NDArray[np.floating]) -> Floats:

@@ -609,13 +609,12 @@ class Evaluation(Tabular):
         """For each rule and class: cases of it and how many are right; cases named so and how many of these are."""
         rows: list[tuple[Value, ...]] = []
         for rule, answers in self.answers.items():
-            pairs = Counter((one.truth, one.named) for one in answers)
+            cases, right = _by_truth(answers)
+            said = Counter(one.named for one in answers)
             for k, label in enumerate(self.task.classes):
                 cells: list[Value] = []
-                for side in (0, 1):
-                    number = sum(count for pair, count in pairs.items() if pair[side] == k)
-                    right = pairs[k, k]
-                    share = (right / number, wilson_interval(right, number)) if number else (None, None)
+                for number in (cases[k], said[k]):
+                    share = (right[k] / number, wilson_interval(right[k], number)) if number else (None, None)
                     cells += [number, *share]
                 rows.append((rule, label, *cells))
         spec = ".3f"
@@ -625,8 +624,7 @@ class Evaluation(Tabular):
     def _worst(self) -> str:
         """A sentence about the class of which the first rule names the smallest share rightly, if that is below 0.5."""
         rule, answers = next(iter(self.answers.items()))
-        cases = Counter(one.truth for one in answers)
-        right = Counter(one.truth for one in answers if one.is_right)
+        cases, right = _by_truth(answers)
         worst = min(cases, key=lambda k: right[k] / cases[k], default=0)
         if 2 * right[worst] >= cases[worst]:
             return ""
@@ -692,6 +690,11 @@ def _checksums(outcomes: NDArray[np.int64], classes: NDArray[np.integer]) -> NDA
     """A checksum of each case, ``(n,)``, from its outcomes ``(n, P)`` and class ``(n,)``."""
     pairs = zip(outcomes, classes.tolist(), strict=False)  # unequal numbers are refused elsewhere
     return np.array([zlib.crc32(np.append(row, label).tobytes()) for row, label in pairs], np.int64)
+
+
+def _by_truth(answers: Sequence[Answer]) -> tuple[Counter[int], Counter[int]]:
+    """Cases of each class, and how many of them are named rightly."""
+    return Counter(one.truth for one in answers), Counter(one.truth for one in answers if one.is_right)
 
 
 def _require_same_rows(cases: Any, labels: Any) -> None:

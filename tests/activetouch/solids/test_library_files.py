@@ -226,7 +226,10 @@ HOSTILE = {  # what is written into a file of this name, and what is said of it
     "index.msh": (lambda: msh(FACES - 1), "a face has the vertex -1"),
     "short.msh": (lambda: msh()[:15], "does not fit"),
     "gmsh.msh": (lambda: "$MeshFormat\n2.2 0 8\n", "it is MSH of Gmsh"),
-    **{f"nothing.{ending}": (lambda: b"", "it is empty") for ending in ("glb", "gltf", "dae", "3mf", "off", "msh")},
+    **{
+        f"nothing.{ending}": (lambda: b"", "it is empty")
+        for ending in ("glb", "gltf", "dae", "3mf", "off", "ply", "msh")
+    },
     "vcount.dae": (
         lambda: dae().replace("<p>", f"<vcount>{ENDLESS}</vcount><p>").replace("triangles", "polylist"),
         f"promises {ENDLESS} corners",
