@@ -25,9 +25,10 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.constraints import Checked, NotNegative, Positive, Probability, Within
-from belief.errors import ImpossibleObservation
-from belief.validation import Floats
+from belief.constraints import Checked, Count, NotNegative, Positive, Probability, Within, check
+from belief.errors import ImpossibleObservation, InvalidArgument
+from belief.naming import shown
+from belief.validation import Floats, are_finite, require_index, require_number
 
 Floats32 = NDArray[np.floating]
 Ints = NDArray[np.int64]
@@ -339,12 +340,12 @@ class TrayBelief:
     table: PlaceTable
     size: tuple[float, float]
     target: int
-    num_objects: int
-    present: float
+    num_objects: Count
+    present: Probability
     noise: TouchNoise = field(default_factory=TouchNoise)
-    most_worlds: int = 6
+    most_worlds: Count = 6
     separate: bool = True
-    unlisted: float = 0.0
+    unlisted: Probability = 0.0
     lookalikes: Lookalikes | None = field(default=None, repr=False)
     intensity: Floats32 = field(default=None, repr=False)  # type: ignore[arg-type]
     worlds: tuple[World, ...] = (World(()),)
@@ -352,8 +353,30 @@ class TrayBelief:
     doubts: Mapping[tuple[tuple[int, int], ...], float] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
-        if self.intensity is None:
-            object.__setattr__(self, "intensity", self._prior())
+        if self.intensity is not None:
+            return  # an update of one that was checked
+        check(self)
+        require_index("target", self.target, len(self.table.labels))
+        if not are_finite(*self.size) or min(self.cells) < 1:
+            raise InvalidArgument(f"a tray has cells of {self.table.pitch:g} m: size {shown(self.size)} m holds none")
+        object.__setattr__(self, "intensity", self._prior())
+
+    def require(self, touch: PlaceTouch) -> None:
+        """Raise InvalidArgument for a touch that does not fit the tray and its table, or is not finite."""
+        for axis, (place, number) in enumerate(zip(touch.cell, self.cells, strict=True)):
+            require_index(f"cell[{axis}] of a touch", place, number)
+        require_number("height of a touch", touch.height, 0.0, 1.0)
+        if (touch.embedding is None) != (touch.height == 0.0):
+            raise InvalidArgument(
+                f"a contact has an embedding and a height above 0, and a miss neither; got a height of {touch.height}"
+                f"{'' if touch.embedding is None else ' with an embedding'}"
+            )
+        if touch.embedding is not None:
+            found, wanted = np.asarray(touch.embedding), self.table.embeddings.shape[1:]
+            if found.shape != wanted or not np.isfinite(found).all():
+                raise InvalidArgument(f"an embedding must be {wanted[0]} finite numbers, got {shown(touch.embedding)}")
+        if touch.level is not None and not are_finite(touch.level):
+            raise InvalidArgument(f"the level of a touch must be finite, got {shown(touch.level)}")
 
     @property
     def num_touches(self) -> int:
@@ -390,7 +413,8 @@ class TrayBelief:
     # --- update
 
     def update(self, touch: PlaceTouch) -> TrayBelief:
-        """The belief after one more touch or miss."""
+        """The belief after one more touch or miss; see :meth:`require`."""
+        self.require(touch)
         contacts, noise, reach = self.table.contacts, self.noise, self.table.reach
         x, y = touch.cell[0] + reach - contacts.i, touch.cell[1] + reach - contacts.j
         inside = np.flatnonzero((x >= 0) & (x < self.cells[0]) & (y >= 0) & (y < self.cells[1]))

@@ -24,17 +24,13 @@ from activetouch.sensor_files import (
     PAD_FILE,
     POLICIES,
     READER_FILE,
-    FittedModel,
-    any_object_file,
     files_for,
     observation_file,
-    other_reader,
     require_simulated,
     shipped_file,
 )
 from activetouch.solids.solid import Shape
 from belief.errors import ActiveTouchError, InvalidArgument
-from belief.observation_model.rigid_body import FittedRigidBody
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
 from planners.registry import trained_state
@@ -112,12 +108,12 @@ def open_sensor(
     jobs: int | None = None,
     nested: bool | None = None,
     other_proportions: bool = False,
-    guarded: bool = False,
+    doubting: bool = False,
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
     ``folder`` may also be the name of a scene with a shipped sensor. With ``jobs``, contacts are predicted first, with
-    a progress bar. ``guarded``: where it has both readers, its description and the proportions of built-in solids are
+    a progress bar. ``doubting``: where it has both readers, its description and the proportions of built-in solids are
     doubted, in place of the two arguments for that. Errors of a sensor for another scene say how to make a fitting one.
     """
     if folder is not None and folder.suffix == ".toml" and isinstance(choice, SceneChoice) and choice.pad is None:
@@ -132,8 +128,6 @@ def open_sensor(
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene, chosen)}")
     try:
         path, fitted, _ = files_for(chosen, scene, anyway, independent, bool(unknown_state) or nested is True)
-        if guarded:
-            unknown_state, other_proportions = _guards(chosen, path, fitted, scene, independent, nested)
         if jobs is not None and fitted is None:
             from activetouch.perception.preparation import hypotheses_of
 
@@ -144,7 +138,7 @@ def open_sensor(
                 predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted
-            options: dict[str, Any] = {"nested": nested, "other_proportions": other_proportions}
+            options: dict[str, Any] = {"nested": nested, "other_proportions": other_proportions, "doubting": doubting}
             sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state, **options)
     except (LabelMismatch, WrongScene) as error:
         remedy = _remedy(choice, name, scene, chosen)
@@ -152,20 +146,6 @@ def open_sensor(
     for sentence in shift_sentences(sensor.shift):
         print(f"warning: {sentence}", file=sys.stderr)
     return sensor
-
-
-def _guards(
-    folder: Path, path: Path, fitted: FittedModel | None, scene: Scene, independent: bool, nested: bool | None
-) -> tuple[bool | None, bool]:
-    """The ``unknown_state`` and ``other_proportions`` of :meth:`TactileSensor.load` with which it doubts all it can."""
-    is_joint = fitted is None or isinstance(fitted.model, FittedRigidBody)
-    can_doubt = is_joint and any_object_file(folder, scene, independent) is not None
-    if not can_doubt or TactileSensor.nested_plan(scene, independent, nested) is not None:
-        return False, False
-    from activetouch.perception.proportions import OtherProportions  # other sensors do not need it
-
-    other = other_reader(folder, path, scene, independent)
-    return None, other is not None and bool(len(OtherProportions(other, scene).shapes))
 
 
 def asked_state(unknown: bool, doubted: bool) -> bool | None:
@@ -181,7 +161,7 @@ def doubts(as_described: bool, unknown: bool, doubted: bool, other_proportions: 
     if as_described and asked:
         raise InvalidArgument("--as-described leaves out all doubts; leave it out, or the options that ask for one")
     state = asked_state(unknown, doubted)
-    return {"unknown_state": state, "other_proportions": other_proportions, "guarded": not (as_described or asked)}
+    return {"unknown_state": state, "other_proportions": other_proportions, "doubting": not (as_described or asked)}
 
 
 def embed_all(reader: TactileReader, scene: Scene, plan: NestedPlan, jobs: int | None = None) -> None:

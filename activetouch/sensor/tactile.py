@@ -25,6 +25,7 @@ from activetouch.sensor_files import (
     MODELS,
     RECORDED_FILE,
     FittedModel,
+    any_object_file,
     doubting_file,
     files_for,
     is_farther_off,
@@ -37,6 +38,7 @@ from activetouch.world import TouchWorld
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.observation_model.model import ArrayModel, GivesLogits
+from belief.observation_model.rigid_body import FittedRigidBody
 from belief.problem import SearchProblem, Touch
 from planners import Decider, make_decider
 from planners.fingerprint import digest_of, fingerprint
@@ -50,6 +52,16 @@ if TYPE_CHECKING:
     from planners.certified import Certificate
 
 _FEW_CONTACTS = 256  # shapes times poses for which a table of hypotheses is always made
+
+
+def _guards(folder: Path, path: Path, scene: Scene, independent: bool) -> tuple[bool | None, bool]:
+    """The ``unknown_state`` and ``other_proportions`` of :meth:`TactileSensor.load` with which all is doubted."""
+    if any_object_file(folder, scene, independent) is None:
+        return False, False
+    from activetouch.perception.proportions import OtherProportions  # other sensors do not need it
+
+    other = other_reader(folder, path, scene, independent)
+    return None, other is not None and bool(len(OtherProportions(other, scene).shapes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +109,7 @@ class TactileSensor(Searching):
         unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
         other_proportions: bool = False,
+        doubting: bool = False,
     ) -> TactileSensor: ...
 
     @classmethod
@@ -109,6 +122,7 @@ class TactileSensor(Searching):
         unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
         other_proportions: bool = False,
+        doubting: bool = False,
     ) -> TactileSensor | RecordedSensor:
         """The sensor whose reader and observation model lie in a folder.
 
@@ -132,6 +146,8 @@ class TactileSensor(Searching):
             other_proportions: whether built-in solids may have other proportions than the scene says: with a
                 probability of 0.04, from half to double (:mod:`belief.observation_model.varied_bodies`). It needs both
                 readers.
+            doubting: for the pad of a robot, as ``activetouch live``: whether all that can be doubted is, in place of
+                ``unknown_state`` and ``other_proportions``.
 
         Raises:
             CorruptFile: one of the files is damaged or missing.
@@ -149,7 +165,11 @@ class TactileSensor(Searching):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         full, scene = scene, replace(scene, moves=None)  # readers and fits are those of objects that stay
         plan = cls.nested_plan(scene, independent, nested)
-        path, fitted, shift = files_for(folder, scene, anyway, independent, bool(unknown_state) or plan is not None)
+        asks = (bool(unknown_state) and not doubting) or plan is not None
+        path, fitted, shift = files_for(folder, scene, anyway, independent, asks)
+        if doubting:
+            is_joint = plan is None and (fitted is None or isinstance(fitted.model, FittedRigidBody))
+            unknown_state, other_proportions = _guards(folder, path, scene, independent or not is_joint)
         other = None if unknown_state or plan is not None else other_reader(folder, path, scene, independent)
         if other_proportions and other is None:
             raise InvalidArgument(
@@ -234,6 +254,7 @@ class TactileSensor(Searching):
         unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
         other_proportions: bool = False,
+        doubting: bool = False,
     ) -> TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
@@ -246,6 +267,7 @@ class TactileSensor(Searching):
             unknown_state: as in :meth:`load`.
             nested: as in :meth:`load`.
             other_proportions: as in :meth:`load`.
+            doubting: as in :meth:`load`.
 
         Raises:
             UnknownName: there is no such sensor.
@@ -254,8 +276,8 @@ class TactileSensor(Searching):
         if name not in known:
             raise UnknownName("sensor", name, known)
         scene = SCENES[scene_of(name)].scene if scene is None else scene
-        options: dict[str, Any] = {"unknown_state": unknown_state, "nested": nested}
-        return cls.load(MODELS / name, scene, anyway, **options, other_proportions=other_proportions)
+        options: dict[str, Any] = {"unknown_state": unknown_state, "other_proportions": other_proportions}
+        return cls.load(MODELS / name, scene, anyway, nested=nested, doubting=doubting, **options)
 
     def with_objects(self, objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> TactileSensor:
         """The sensor among other objects, whose contacts its reader of any object predicts; nothing is trained.
@@ -272,12 +294,14 @@ class TactileSensor(Searching):
         if self.folder is None:
             raise InvalidArgument("a sensor that was put together from parts has no reader of other objects: load one")
         from activetouch.mesh_source import read_objects
+        from belief.observation_model.doubted_sensor import DoubtedSensorModel
         from belief.observation_model.sensor_health import SensorHealthModel
 
         variation = replace(self.scene.variation, size=Constant(1.0))
         scene = replace(self.scene, shapes=read_objects(objects), variation=variation)
-        is_inferred = isinstance(self.model, SensorHealthModel)
-        return replace(self.load(self.folder, scene, unknown_state=is_inferred), with_logits=self.with_logits)
+        is_inferred, is_doubted = (isinstance(self.model, kind) for kind in (SensorHealthModel, DoubtedSensorModel))
+        found = self.load(self.folder, scene, unknown_state=is_inferred, doubting=is_doubted)
+        return replace(found, with_logits=self.with_logits)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:

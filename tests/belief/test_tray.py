@@ -11,7 +11,7 @@ import pytest
 from scipy.special import ndtr
 
 import belief.tray as tray_module
-from belief.errors import ImpossibleObservation
+from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.tray import Found, PlaceTable, PlaceTouch, TouchNoise, TrayBelief
 
 _NOISE = TouchNoise(height=0.002, scale=0.8, drift=0.0, outliers=0.0, repeat=0.0)
@@ -312,3 +312,31 @@ def test_sessions_in_threads_share_what_is_kept(monkeypatch):
 def test_noise_in_another_unit_is_refused(wrong):
     with pytest.raises(ValueError, match=r"must be a number in .* m, got"):
         TouchNoise(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("touch", "said"),
+    [
+        (PlaceTouch((4, 0)), r"cell\[0\] of a touch must be an integer in \[0, 4\), got 4"),
+        (PlaceTouch((0, -1)), r"cell\[1\] of a touch"),
+        (PlaceTouch((0, 0), height=np.nan), "height of a touch"),
+        (PlaceTouch((0, 0), height=0.02), "a contact has an embedding"),
+        (PlaceTouch((0, 0), embedding=np.zeros(2)), "a miss neither"),
+        (PlaceTouch((0, 0), 0.02, np.zeros(3)), "an embedding must be 2 finite numbers"),
+        (PlaceTouch((0, 0), 0.02, np.array([0.0, np.inf])), "an embedding must be 2 finite numbers"),
+        (PlaceTouch((0, 0), 0.02, np.zeros(2), level=np.nan), "the level of a touch must be finite"),
+    ],
+)
+def test_a_touch_that_does_not_fit_is_refused_and_changes_nothing(touch, said):
+    belief = believed(table())
+    with pytest.raises(InvalidArgument, match=said):
+        belief.update(touch)
+    assert belief.num_touches == 0
+
+
+@pytest.mark.parametrize(
+    "changed", [{"target": 3}, {"num_objects": 0}, {"present": 1.5}, {"unlisted": np.nan}, {"size": (0.04, 0.0)}]
+)
+def test_a_tray_that_cannot_be_is_refused(changed):
+    with pytest.raises(InvalidArgument, match=next(iter(changed))):
+        replace(believed(table()), intensity=None, **changed)

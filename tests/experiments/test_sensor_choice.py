@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 import tyro
 
-from activetouch import SCENES
+from activetouch import SCENES, SHAPES
 from activetouch.data.manifest import CollectionPlan, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, fitted_model
 from belief.errors import CorruptFile, InvalidArgument
 from belief.observation_model.doubted_sensor import DoubtedSensorModel
+from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.varied_bodies import VariedBodyModel
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
@@ -242,12 +243,15 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
         replace(independent, sensor=tmp_path / "sensor").open_sensor()
 
 
-def test_a_guarded_sensor_doubts_what_it_can(few_hypotheses):
-    doubting = open_sensor(None, SceneChoice("coarse"), guarded=True).model
-    assert isinstance(doubting, DoubtedSensorModel)
-    assert isinstance(doubting.nominal, VariedBodyModel)
+def test_a_doubting_sensor_doubts_what_it_can_also_among_other_objects(few_hypotheses):
+    doubting = open_sensor(None, SceneChoice("coarse"), doubting=True)
+    assert isinstance(doubting.model, DoubtedSensorModel)
+    assert isinstance(doubting.model.nominal, VariedBodyModel)
+    among_others = doubting.with_objects({label: SHAPES[label] for label in ("cube", "cone")}).model
+    assert isinstance(among_others, DoubtedSensorModel)
+    assert isinstance(among_others.nominal, RigidBodyModel)  # all bodies of the reader that doubts
     for other in (SceneChoice("paper"), SceneChoice("keyed"), SceneChoice("coarse", hand="parallel")):
-        assert not isinstance(open_sensor(None, other, guarded=True).model, DoubtedSensorModel | VariedBodyModel)
+        assert not isinstance(open_sensor(None, other, doubting=True).model, DoubtedSensorModel | VariedBodyModel)
 
 
 def test_a_described_pad_in_place_of_a_sensor_is_named_with_the_option_that_takes_it():
@@ -256,9 +260,9 @@ def test_a_described_pad_in_place_of_a_sensor_is_named_with_the_option_that_take
 
 
 def test_all_doubts_are_asked_for_unless_some_are_or_none():
-    asked = {"unknown_state": False, "other_proportions": False, "guarded": True}
+    asked = {"unknown_state": False, "other_proportions": False, "doubting": True}
     assert doubts(False, False, False, False) == asked
-    assert doubts(True, False, False, False) == asked | {"guarded": False}
-    assert doubts(False, False, True, False) == asked | {"guarded": False, "unknown_state": None}
+    assert doubts(True, False, False, False) == asked | {"doubting": False}
+    assert doubts(False, False, True, False) == asked | {"doubting": False, "unknown_state": None}
     with pytest.raises(InvalidArgument, match="leave it out"):
         doubts(True, False, False, True)
