@@ -17,6 +17,7 @@ from activetouch.poses import WorldObject
 from activetouch.scene import Scene
 from activetouch.sensor.searching import STRANGERS
 from belief.constraints import CountOrNone, Probability, Within, require_rule
+from belief.errors import InvalidArgument
 from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.opinion import read_opinion
@@ -29,6 +30,7 @@ from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_inde
 from experiments.meshes.setting import model_of, plan_of, scene_of, sensor_of
 from experiments.parallel import Shared, run_tasks
 from experiments.report import Picture, Report, Section
+from experiments.robustness.conditions import applicable_conditions
 from planners import Decider
 from planners.registry import make_decider
 from planners.search import Identification
@@ -123,7 +125,10 @@ class Identified(MeshResult):
             f"{len(rows) - len(named) - len(none)} stayed open."
         )
         if none:
-            said += " A body that differs from its file, such as a scan, is none of these: say by how much (tolerance)."
+            said += (
+                " A body that differs from its file, such as a scan, is none of these: say by how much (tolerance). So "
+                "is every body for a sensor that is not as described."
+            )
         return replace(found, note=found.note + said)
 
     @property
@@ -223,6 +228,7 @@ def identify(
     unlisted: float = STRANGERS,
     prior: str | None = None,
     press: Bodies | None = None,
+    world: str | None = None,
     lies: bool = False,
     within: float | None = None,
     seed: int = 0,
@@ -245,6 +251,7 @@ def identify(
         prior: as of :func:`activetouch.compare`.
         press: bodies of which the objects are, instead, such as scans: as ``bodies``. One without a body of its label
             is none of these.
+        world: a condition of :func:`activetouch.robustness` that the sensor is in, which the belief does not know.
         lies: whether to say how each object that is rightly named lies, too, which takes a second or two.
         within: angle [deg] within which it must be known how a named object lies, with probability 0.9, before its
             touches end; it says how each lies, too.
@@ -254,8 +261,8 @@ def identify(
         setting: as of :func:`activetouch.find`.
 
     Raises:
-        UnknownName: there is no such body.
-        InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
+        UnknownName: there is no such body or condition.
+        InvalidArgument: no mesh can be read, the sensor has no reader of any object, or the condition does not apply.
     """
     if within is not None:
         require_rule("within", within, _ANGLES)
@@ -266,11 +273,11 @@ def identify(
     chosen = None if body is None else body_index(objects, body)
     own = setting.pop("sensor", "gel")
     sensor = replace(sensor_of(solids, own, plan_of(**setting), jobs), with_logits=_reads_logits(decider))
-    world = _Pressed(sensor, sensor.scene if press is None else scene_of(objects, own))
+    pressed = _Pressed(sensor, _in_world(sensor.scene if press is None else scene_of(objects, own), world))
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(objects)).tolist()
     truths = truths if chosen is None else [chosen] * num_objects
     player = make_decider(decider, sensor.model.outcome_table(), sensor.model) if isinstance(decider, str) else decider
-    shared = Shared((world, player))
+    shared = Shared((pressed, player))
     opinion = None if prior is None else read_opinion(prior, sensor.shape_labels, 1)
     tasks = [
         partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted, opinion, lies, within)
@@ -283,6 +290,16 @@ def identify(
     names, places = [list(objects)[truth] for truth in truths], {label: row for row, label in enumerate(solids)}
     namings = [replace(one, truth=places.get(name, UNLISTED)) for one, name in zip(namings, names, strict=True)]
     return Identified(sensor, near_twins(model_of(sensor)), namings, left_out=left_out, pressed=names, lying=lying)
+
+
+def _in_world(scene: Scene, condition: str | None) -> Scene:
+    """A scene under a condition."""
+    if condition is None:
+        return scene
+    scenes, left_out = applicable_conditions(scene, [condition])
+    if condition in left_out:
+        raise InvalidArgument(f"the condition {condition!r} does not apply: {left_out[condition]}")
+    return scenes[condition]
 
 
 def _reads_logits(decider: str | Decider) -> bool:
@@ -348,6 +365,7 @@ class Identify(MeshOptions):
         activetouch identify scans --body mug --objects 5 --out runs/mug
         activetouch identify scans --scale 0.001 --decider value_of_information
         activetouch identify drawings --press scans --unlisted 0.3
+        activetouch identify scans --world "noise × 3"
         activetouch identify scans --lies
         activetouch identify scans --within 5
     """
@@ -359,6 +377,8 @@ class Identify(MeshOptions):
     press: Path | None = None
     """Folder of the meshes of which the objects are, instead, such as scans; one that has no file of its name in the
     first folder is none of these."""
+    world: str | None = None
+    """Condition of robustness that the sensor is in, which the belief does not know, such as "noise × 3"."""
     max_touches: Count = 16
     """Touches of an object."""
     lies: bool = False
@@ -391,6 +411,7 @@ class Identify(MeshOptions):
             num_objects=self.objects,
             max_touches=self.max_touches,
             press=self.press,
+            world=self.world,
             check=self.check,
             tolerance=self.tolerance,
             lies=self.lies,

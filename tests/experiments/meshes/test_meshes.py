@@ -534,6 +534,19 @@ def test_other_meshes_may_be_pressed_than_those_that_are_named(folder, tmp_path)
     assert not any(row["right"] for row in rows if row["body"] == "rod")
 
 
+@pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
+def test_a_sensor_in_another_world_than_described_presses_there(folder):
+    plan = {"plan": PLAN, "levels": (0, 1), "look": GLANCE, "pressed": 4, "max_touches": 2, "num_objects": 2, "jobs": 1}
+    usual, softer = (identify(folder, world=world, **plan).namings for world in (None, "stiffness × 0.4"))
+    for one, other in zip(usual, softer, strict=True):
+        assert one.truth == other.truth
+        assert other.touches[0].image.mean() < 0.6 * one.touches[0].image.mean()
+    with pytest.raises(UnknownName, match="noise × 3"):
+        identify(folder, world="noise x 3", **plan)
+    with pytest.raises(InvalidArgument, match=r"'cone × 0\.6' does not apply: it has no cone"):
+        identify(folder, world="cone × 0.6", **plan)
+
+
 def test_a_pad_that_is_hardly_known_is_said_to_be_taken_in_the_middle(tmp_path):
     taxels, path = Taxels.grid(4, 4, 0.005), tmp_path / "mine.toml"
     for ranges, words in (
