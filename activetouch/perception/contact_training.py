@@ -66,13 +66,17 @@ class ContactRecipe:
     any_pad: bool = False
 
     @classmethod
-    def of(cls, imaging: Imaging, **changes: Any) -> ContactRecipe:
-        """The recipe for a sensor: images of few pixels need fewer convolutions, and more bodies in a batch."""
+    def of(cls, imaging: Imaging, goes_on: bool = False, **changes: Any) -> ContactRecipe:
+        """The recipe for a sensor: images of few pixels need fewer convolutions, and more bodies in a batch.
+
+        ``goes_on``: from a reader of any pad to a better one.
+        """
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         if imaging.described is not None:  # its image network is a ConvNeXt of these widths
             few = {"widths": (16, 32, 64), "image_widths": (24, 48, 96), "groups": 16, "touches": 16, "others": 32}
             further = {"steps": 1500, "learning_rate": 5e-4, "warmup": 100}  # from the reader of any pad to one
-            few |= {"steps": 13_000} if changes.get("any_pad") else further
+            any_pad = {"steps": 8_000, "learning_rate": 8e-4} if goes_on else {"steps": 13_000}
+            few |= any_pad if changes.get("any_pad") else further
         return cls(**few | changes)
 
     def network(self, imaging: Imaging) -> ContactReader:

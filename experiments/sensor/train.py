@@ -60,6 +60,10 @@ class Changes:
         return replace(recipe, **{name: value for name, value in asdict(self).items() if value is not None})
 
 
+ANY_PAD = "any_pad"
+"""Name of the shipped reader of any pad, in place of a file of weights."""
+
+
 @dataclass(frozen=True)
 class Train:
     """Train a reader: of any object, on random bodies; or of the shapes of a collection.
@@ -95,12 +99,13 @@ class Train:
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
     weights: str | None = None
     """Weights that a ConvNeXt starts from: imagenet (facebook/convnext-tiny-224 on the Hugging Face hub, for the
-    backbone tiny), or a folder with config.json and model.safetensors; random weights by default."""
+    backbone tiny), or a folder with config.json and model.safetensors; or any_pad, the shipped reader, from which
+    --recipe pads goes on; random weights by default."""
     recipe: Literal["contacts", "pads", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
-    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of any pad 13000, from there to
-    one described pad 1500."""
+    """Steps, each of many touches of random bodies, for a reader of any object; 7500, of any pad 13000, from there on
+    8000, or to one described pad 1500."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where a reader of any object is trained."""
     change: Changes = field(default_factory=Changes)
@@ -113,8 +118,12 @@ class Train:
         """Train to the end of the recipe and write the reader."""
         check_arguments(self)
         require_extra("train")
-        if self.weights is not None and (self.pad is not None or self.recipe in ("pads", "contacts")):
-            raise BadArgument("--weights are of a ConvNeXt, and a reader of any object is none; leave them out")
+        goes_on = self.weights == ANY_PAD and self.recipe == "pads" and self.pad is None
+        if self.weights is not None and not goes_on and (self.pad is not None or self.recipe in ("pads", "contacts")):
+            raise BadArgument(
+                "--weights are of a ConvNeXt, and a reader of any object is none; leave them out, or say --recipe pads "
+                f"--weights {ANY_PAD}"
+            )
         if self.pad is not None or self.recipe == "pads":
             from activetouch.perception.described_pads import EXAMPLE  # other readers do not need it
 
@@ -122,7 +131,8 @@ class Train:
             out = self.out or training_folder("any-pad" if self.pad is None else f"pad-{self.pad.stem}")
             claim_folder(out)
             any_pad = self.pad is None
-            train_any_object(pad.scene(), out, self.steps, self.change.seed, self.device, self.jobs, pad, any_pad)
+            given = pad.scene(), out, self.steps, self.change.seed, self.device, self.jobs, pad, any_pad, goes_on
+            train_any_object(*given)
             return
         named = named_scene(self.scene)
         if self.recipe == "contacts":
@@ -197,11 +207,12 @@ def train_any_object(
     jobs: int = 1,
     pad: PadDescription | None = None,
     any_pad: bool = False,
+    goes_on: bool = False,
 ) -> TactileReader:
     """Train a reader of any object on random bodies, or continue; ``out`` gets it and the state of the training.
 
     It reads the sensor of the scene; or all pads that a description allows, where it begins as the shipped reader of
-    ``any_pad``, which is trained with random pads.
+    ``any_pad``, which is trained with random pads, and ``goes_on`` with them if asked.
     """
     import torch
 
@@ -214,15 +225,16 @@ def train_any_object(
     torch.set_num_threads(max(1, jobs - 1))
     imaging, changes = imaging_of(scene) if pad is None else imaging_of_pad(pad), {"steps": steps, "seed": seed}
     given = {name: value for name, value in changes.items() if value is not None}
-    recipe = ContactRecipe.of(imaging, any_pad=any_pad, **given)
-    start = None if pad is None or any_pad else reader_of_pad(pad)
+    recipe = ContactRecipe.of(imaging, goes_on, any_pad=any_pad, **given)
+    start = None if pad is None or (any_pad and not goes_on) else reader_of_pad(pad)
     trainer = ContactTrainer(imaging, recipe, out, device, 1 if jobs > 1 else 0, start)
     with progress_bar() as progress:
         bar = progress.add_task("touching random bodies", total=recipe.steps, completed=trainer.step)
         for report in trainer.run(lambda step: progress.update(bar, completed=step)):
             words = ", ".join(f"{name} {value:g}" for name, value in report.items())
             progress.console.print(words, highlight=False)
-    reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
+    words = f"{trainer.step} steps of {recipe.groups * recipe.touches}"
+    reader = export(trainer.network, imaging, scene, words if start is None else f"{start.card.training}, then {words}")
     reader.save(out / ANY_OBJECT_FILE)
     if pad is not None:
         pad.save(out / PAD_FILE)
