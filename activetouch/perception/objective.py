@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from activetouch.data.dataset import TouchSet
 from activetouch.perception.classifier import Hypotheses, TouchNetwork, compose
+from activetouch.perception.learner import mixed_precision
 from activetouch.perception.recipe import TrainingRecipe
 from belief.naming import index_of
 
@@ -40,7 +41,7 @@ class ShapeObjective:
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
     ) -> Tensor:
         """Mean loss [nats] of augmented images ``(B, H, W[, 3])`` of ``rows (B,)``, turned by ``turns (B,)`` [rad]."""
-        with torch.autocast("cpu", torch.bfloat16, enabled=self._bf16):
+        with mixed_precision(self._bf16):
             logits, _ = network(images)
         return nn.functional.cross_entropy(logits.float(), self._shapes[rows], weight=self.class_weights)
 
@@ -90,7 +91,7 @@ class Contrast:
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
     ) -> Tensor:
         """As of :class:`ShapeObjective`."""
-        with torch.autocast("cpu", torch.bfloat16, enabled=self._recipe.bf16):
+        with mixed_precision(self._recipe.bf16):
             found, _ = network(images)
         own = turned(self._known.select(rows), turns)
         if self._recipe.cell:
@@ -144,7 +145,7 @@ def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:
 def embeddings(network: TouchNetwork, touches: TouchSet, bf16: bool) -> Tensor:
     """Embeddings of the images of touches, ``(N, D)``."""
     network.eval()
-    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bf16):
+    with torch.inference_mode(), mixed_precision(bf16):
         parts = [network(torch.from_numpy(touches.images[i : i + 256]))[0] for i in range(0, len(touches.images), 256)]
     return torch.cat(parts).float()
 

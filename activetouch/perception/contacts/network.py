@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from activetouch.perception.imaging import FEW_PIXELS, STATE_SIZE
+from activetouch.perception.learner import mixed_precision
 from activetouch.perception.small_convnext import CELLS, Averages, SmallConvNeXt
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def _convolutions(channels: int, widths: tuple[int, ...]) -> nn.Sequential:
 def losses(network: ContactReader, batch: Batch, groups: int, bf16: bool) -> tuple[Tensor, Tensor, Tensor]:
     """Contrast and cross-entropy of the body [nats], and the accuracy of the body, means over the touches that hit."""
     number = len(batch.images)
-    with torch.autocast(batch.images.device.type, torch.bfloat16, enabled=bf16):
+    with mixed_precision(bf16, batch.images.device.type):
         seen = network.f(batch.images, batch.layout)
         hypotheses = network.h(batch.contacts, batch.cells, batch.codes)
     scores = torch.einsum("bd,whd->bwh", seen, hypotheses)

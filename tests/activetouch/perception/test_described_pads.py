@@ -25,6 +25,7 @@ from activetouch.perception.described_pads import (
 from activetouch.perception.imaging import Imaging, SensorState, fields_read, imaging_of_pad, sensor_state, states_with
 from activetouch.perception.reader import resized
 from activetouch.scene_description import scene_fields
+from activetouch.sensor.any_pad import reader_of_pad
 from activetouch.shapes import SHAPES
 
 PADS_BY_NAME = {
@@ -143,3 +144,22 @@ def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
     assert episode.steps
     with pytest.raises(WrongScene):
         TactileSensor.load(tmp_path, PadDescription(Taxels.grid(5, 4, 0.005)).scene())
+
+
+@pytest.mark.torch
+def test_training_with_random_pads_goes_on_from_the_shipped_reader(tmp_path, monkeypatch):
+    pytest.importorskip("torch")
+    from activetouch.perception import contact_training
+    from experiments.sensor.train import Train
+
+    recipe, export = contact_training.ContactRecipe, Mock(side_effect=KeyboardInterrupt)  # which takes longest
+    monkeypatch.setattr(recipe, "of", partial(recipe.of, groups=2, touches=6, others=4))
+    monkeypatch.setattr(contact_training, "CHECKS", 1)
+    monkeypatch.setattr(contact_training, "export", export)
+    with pytest.raises(KeyboardInterrupt):
+        Train(recipe="pads", weights="any_pad", steps=1, out=tmp_path, jobs=1).run()
+    (network, _, _, words), start = export.call_args.args, reader_of_pad(described_pads.EXAMPLE)
+    assert words == f"{start.card.training}, then 1 steps of 12"
+    before, after = contact_training.weights_of(start), network.state_dict()
+    apart = [float((after[name] - before[name]).abs().max()) for name in before]
+    assert 0.0 < max(apart) < 0.01  # a step of a warm-up

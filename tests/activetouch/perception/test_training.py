@@ -8,6 +8,7 @@ import torch
 
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
+from activetouch.perception import learner
 from activetouch.perception.classifier import ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.perception.training import Trainer
@@ -42,11 +43,24 @@ def weights(trained):
 
 
 @pytest.mark.parametrize("bf16", [True, False])
-def test_training_learns_a_simple_task(bf16, tmp_path):
+def test_training_learns_a_simple_task(bf16, tmp_path, monkeypatch):
+    monkeypatch.setattr(learner, "has_bfloat16", lambda device: True)  # also where it is slow
     trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, bf16=bf16))
     reports = [trained.run_epoch() for _ in range(3)]
     assert reports[-1].calibration_loss < reports[0].calibration_loss
     assert reports[-1].calibration_accuracy > 0.9
+
+
+@pytest.mark.parametrize("has", ["amx_bf16", "avx512_bf16", "bf16", None])
+def test_bfloat16_is_for_processors_that_have_instructions_for_it(has, monkeypatch):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx2": True, "amx_bf16": False, has: True})
+    learner.has_bfloat16.cache_clear()
+    for is_asked in (True, False):
+        with learner.mixed_precision(is_asked):
+            found = torch.ones(2, 2) @ torch.ones(2, 2)
+        assert found.dtype == (torch.bfloat16 if is_asked and has else torch.float32)
+    monkeypatch.undo()
+    learner.has_bfloat16.cache_clear()
 
 
 @pytest.mark.parametrize("optimizer", ["adamw", "muon"])
