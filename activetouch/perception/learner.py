@@ -66,7 +66,7 @@ class Learner:
 
 @cache
 def has_bfloat16(device: str) -> bool:
-    """Whether a device computes in bfloat16; processors without instructions for it take ten times as long as without.
+    """Whether a device computes in bfloat16; processors without instructions for it take much longer with it than without.
 
     torch before 2.13 does not say what a processor has: then it is False.
     """
