@@ -26,11 +26,12 @@ tests: others
 
 # Beliefs, statistics and decisions without touch, without physics, networks and fits: under a minute.
 quick: development
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics tests/planners/test_classification.py
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch and not nightly" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics tests/planners/test_classification.py
 
 # Every shell command of README and docs, with small sizes, and what the tests make smaller: about twenty minutes.
 nightly: development
 	OMP_NUM_THREADS=1 $(BIN)/pytest tests/nightly_commands.py -n 2
+	OMP_NUM_THREADS=1 $(BIN)/pytest -m nightly -n 2
 
 # Types take as long as all other checks together, so these run beside them.
 check: development

@@ -55,6 +55,7 @@ def test_ppo_and_an_agent_of_pomdp_py_play_the_same_searches(run, capsys):
     assert Path("run/report.html").exists()
 
 
+@pytest.mark.nightly
 @pytest.mark.torch
 @pytest.mark.mujoco
 def test_a_file_as_of_cleanrl_and_a_recurrent_policy_learn_and_play(run, capsys):

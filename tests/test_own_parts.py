@@ -43,6 +43,7 @@ def episodes(folder):
 SHORT = ("--fidelity", "quasistatic", "--targets", "cube", "--episodes", "1", "--jobs", "1", "--out", "run")
 
 
+@pytest.mark.nightly  # the files of the page do the same
 def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(activetouch, tmp_path):
     name = "own_decider:EveryPose(poses=2, confirm=0.99)"
     activetouch("own_decider", "compare", "--scene", "coarse", "--deciders", name, "random_confirm", *SHORT)
@@ -52,6 +53,7 @@ def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(activeto
     assert name in (tmp_path / "run" / "report.html").read_text()
 
 
+@pytest.mark.nightly  # the files of the page do the same
 def test_the_example_of_a_scene_is_touched_and_compared_with_a_sensor_of_another(activetouch, few_hypotheses, tmp_path):
     scene = "own_scene:pressed_harder(force=2.5)"
     activetouch("own_scene", "touch", "--scene", scene, "--shape", "cube", "--out", "cube.png")

@@ -285,8 +285,9 @@ def test_a_decider_that_was_edited_is_played_again_and_others_are_kept(tmp_path,
     sys.modules.pop("my_own", None)
 
 
-def test_searches_among_strangers_are_played_reported_and_replayed(tmp_path):
-    deciders = ["information_gain", "value_of_information", "point_based"]
+@pytest.mark.parametrize("other", ["value_of_information", pytest.param("point_based", marks=pytest.mark.nightly)])
+def test_searches_among_strangers_are_played_reported_and_replayed(other, tmp_path):
+    deciders = ["information_gain", other]
     closed = compare("gel", deciders[:1], episodes=3, targets="cone", seed=3, jobs=1)
     found = compare("gel", deciders, episodes=3, targets="cone", seed=3, unlisted=0.5, out=tmp_path, jobs=1)
     episodes = found.of("information_gain")

@@ -104,9 +104,10 @@ def test_a_search_is_animated_from_its_first_touch_to_its_end(run, drawn_once, n
     "setting",
     [
         replace(COARSE, observation_model="independent"),
-        Setting(SceneChoice("hard", fidelity="quasistatic"), unlisted=0.2),
+        replace(COARSE, unlisted=0.2),
+        pytest.param(Setting(SceneChoice("hard", fidelity="quasistatic"), unlisted=0.2), marks=pytest.mark.nightly),
     ],
-    ids=["without bodies", "many"],
+    ids=["without bodies", "with strangers", "many"],
 )
 def test_every_kind_of_search_has_pictures_that_say_what_happens(setting, monkeypatch):
     monkeypatch.setattr(film, "_DPI", 30)

@@ -16,7 +16,7 @@ from experiments.sensor.calibrate import Calibrate
 from experiments.sensor.collect import Collect, PlanArguments
 from experiments.sensor.train import Changes, Train
 
-pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
+pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow, pytest.mark.nightly]
 EXAMPLE = Path(__file__).parents[3] / "examples" / "04_a_mesh_of_your_own.py"
 
 
