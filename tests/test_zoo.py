@@ -24,8 +24,18 @@ FEW = ("--plan.train", "0", "--plan.calibration", "3", "--plan.test", "2", "--pl
 pytestmark = [pytest.mark.torch, pytest.mark.mujoco]
 
 
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory):
+    """Touches of a few objects."""
+    folder = tmp_path_factory.mktemp("data") / "coarse-repeats"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["activetouch", "collect", "--scene", "coarse", *FEW, "--out", str(folder)])
+        main()
+    return folder
+
+
 @pytest.fixture
-def run(tmp_path, monkeypatch):
+def run(collected, tmp_path, monkeypatch):
     """Runs a script or a command in a folder with the scripts of the benchmark and touches of a few objects."""
     pytest.importorskip("sb3_contrib")
     for name in ("zoo.py", "image_policy.py"):
@@ -49,20 +59,21 @@ def run(tmp_path, monkeypatch):
         monkeypatch.setattr(sys, "argv", [name, *words])
         return main() if name == "activetouch" else runpy.run_path(name, run_name="__main__")
 
-    run("activetouch", "collect", "--scene", "coarse", *FEW, "--out", "data/coarse-repeats")
+    shutil.copytree(collected, "data/coarse-repeats")
     return run
 
 
-def test_every_agent_of_the_zoo_learns_and_plays(run, capsys):
-    zoo = run("zoo.py", *BY_FILE, *IMAGES, "--steps", "1")
+@pytest.mark.parametrize("images", [IMAGES[2:], pytest.param(IMAGES, marks=pytest.mark.nightly)], ids=["new", "all"])
+def test_every_agent_of_the_zoo_learns_and_plays(images, run, capsys):
+    zoo = run("zoo.py", *BY_FILE, *images, "--steps", "1")
     assert list(zoo["ZOO"]) == sorted(zoo["ZOO"], key=[*BY_FILE, *IMAGES].index)
     said = re.findall(
         r"runs/zoo/(\w+)-0.zip: return (-?[0-9.]+), success [0-9.]+, .* on test objects", capsys.readouterr().out
     )
-    assert [name for name, _ in said] == [*BY_FILE, *IMAGES]
+    assert [name for name, _ in said] == [*BY_FILE, *images]
     assert all(-1.3 < float(found) <= 1.0 for _, found in said)
     players = [f"sb3:runs/zoo/{name}-0.zip" for name in BY_FILE]
-    players += [f"process:{sys.executable} image_policy.py runs/zoo/{name}-0.zip" for name in IMAGES[::2]]
+    players += [f"process:{sys.executable} image_policy.py runs/zoo/{name}-0.zip" for name in images[::2]]
     words = ("--scene", "coarse", "--targets", "cone", "--episodes", "2", "--jobs", "1")
     run("activetouch", "compare", *words, "--deciders", *players, "--out", "run")
     assert "2 live searches per decider" in " ".join(capsys.readouterr().out.split())
@@ -116,10 +127,12 @@ def test_a_study_writes_a_row_for_each_training(run):
     assert {row["n_epochs"] for row in rows} == {""}
 
 
-def test_an_agent_learns_for_a_task_of_more_objects_and_shapes(run, capsys):
-    run("activetouch", "collect", "--scene", "many", *FEW, "--out", "data/many-repeats")
-    zoo = run("zoo.py", "ppo", "--task", "many-v1", "--steps", "1")
-    assert "runs/zoo-many-v1/ppo-0.zip: return" in capsys.readouterr().out
+@pytest.mark.parametrize("task", ["gel-v1", pytest.param("many-v1", marks=pytest.mark.nightly)])
+def test_an_agent_learns_for_another_task_and_as_many_objects_and_shapes_need(task, run, capsys):
+    scene = task.partition("-")[0]
+    run("activetouch", "collect", "--scene", scene, *FEW, "--out", f"data/{scene}-repeats")
+    zoo = run("zoo.py", "ppo", "--task", task, "--steps", "1")
+    assert f"runs/zoo-{task}/ppo-0.zip: return" in capsys.readouterr().out
     assert [name.partition("-")[0] for name in zoo["TASKS"]] == ["coarse", "gel", "hard", "keyed", "many", "paper"]
     coarse, many = (zoo["ZOO"]["ppo"].for_task(zoo["TASKS"][name]) for name in ("coarse-v1", "many-v1"))
     assert (coarse.steps, many.steps) == (100_000, 200_000)
