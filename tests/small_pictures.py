@@ -1,0 +1,24 @@
+"""Reports of tests have small pictures without layout and axes, as most tests look at the text of a page alone."""
+
+from types import ModuleType
+from typing import Any
+
+
+def small_pictures() -> list[tuple[ModuleType, str, Any]]:
+    """What to put where, in place of what makes the pictures of users: a module, a name in it, a value."""
+    from experiments import report
+    from experiments.search import page
+
+    save = report._saved
+
+    def saved(drawn: Any, suffix: str, dpi: int = 130) -> bytes:
+        drawn.set_layout_engine("none")
+        for axes in drawn.axes:
+            axes.set_axis_off()
+        return save(drawn, suffix, dpi // 4)
+
+    return [
+        (report, "_saved", saved),
+        (page, "_SCENE", {"size": (40, 32), "oversampling": 1}),
+        (page, "_BODIES", {"pixels": 24, "draws": 4}),
+    ]
