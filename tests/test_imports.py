@@ -66,15 +66,18 @@ def test_one_process_collects_touches_without_joblib(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.mujoco
-def test_a_comparison_loads_what_it_runs(tmp_path):
+@pytest.mark.parametrize("traced", [(), pytest.param(("--traced",), marks=pytest.mark.nightly)])
+def test_a_comparison_loads_what_it_runs(traced, tmp_path):
     words = f"compare --scene coarse --targets cone --episodes 1 --jobs 1 --out {tmp_path / 'run'}".split()
-    run = subprocess.run([sys.executable, "-m", "tests.footprint", *words], capture_output=True, text=True, cwd=ROOT)
+    command = [sys.executable, "-m", "tests.footprint", *traced, *words]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     found = json.loads(run.stdout.splitlines()[-1])
     assert found["modules"]
     others = {"data", "hand", "recorded", "training", "mesh", "mesh_source", "object_search", "ppo", "certified"}
     assert [name for name in found["modules"] if others & {*name.split(".")}] == []
     assert len(found["modules"]) <= 100
-    assert found["executed"] >= 0.63 * found["statements"]
+    if traced:
+        assert found["executed"] >= 0.63 * found["statements"]
 
 
 @pytest.mark.mujoco
