@@ -22,6 +22,7 @@ from experiments.command_line.arguments import BadArgument, Cluster
 from experiments.parallel import Shared, cluster, run_tasks
 from experiments.parallel.cluster import ClusterFailed, on_cluster
 from experiments.scene_choice import SceneChoice
+from experiments.search import run
 from experiments.search.compare import Compare
 from experiments.search.play import Setting
 from experiments.search.run import RunFolder
@@ -56,6 +57,7 @@ class Dask:
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *map(str, options)]
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "ACTIVETOUCH_CACHE": os.devnull}
         environment["DASK_TEMPORARY_DIRECTORY"] = str(self.folder)
+        environment |= {f"DASK_{name.upper().replace('.', '__')}": str(value) for name, value in cluster._CALM.items()}
         return subprocess.Popen(command, cwd=self.folder, env=environment, stderr=subprocess.DEVNULL)
 
     @property
@@ -95,9 +97,9 @@ def whole(tmp_path_factory):
     return played(tmp_path_factory.mktemp("whole"))
 
 
-def played(folder, jobs=1, episodes=50):
+def played(folder, jobs=1, episodes=50, model="independent"):
     """The episodes of a small comparison, as bytes."""
-    setting = Setting(CHOICE, num_objects=1)
+    setting = Setting(CHOICE, num_objects=1, observation_model=model)
     Compare(
         ("threshold", "random_confirm"), targets=("cone",), episodes=episodes, setting=setting, out=folder, jobs=jobs
     ).play()
@@ -136,9 +138,10 @@ def test_a_killed_worker_changes_no_byte_and_none_writes(two_workers, whole, tmp
 
 
 @pytest.mark.mujoco
-def test_workers_of_this_machine_share_one_start_and_change_no_byte(whole, tmp_path):
+def test_workers_of_this_machine_share_one_start_and_change_no_byte(tmp_path):
+    whole = played(tmp_path / "alone", model=None)
     with on_cluster("local:2"):
-        assert played(tmp_path / "run") == whole
+        assert played(tmp_path / "run", model=None) == whole
         parents = set(run_tasks([partial(os.getppid)] * 4, 1, "asking"))
     assert len(parents) == 1
     assert os.name != "posix" or os.getpid() not in parents  # they are forks of a process that has loaded modules
@@ -220,10 +223,17 @@ def test_what_is_no_scheduler_is_not_waited_for(monkeypatch):
         pass
 
 
+def play_slowly(*arguments):
+    time.sleep(0.1)
+    return run._play_batch(*arguments)
+
+
 @pytest.mark.mujoco
 def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, tmp_path, monkeypatch):
-    address, long = two_workers.address, 175  # in 14 batches
+    monkeypatch.setattr(run, "EPISODES_PER_BATCH", 5)
+    address, long = two_workers.address, 35  # in 14 batches
     whole = played(tmp_path / "alone", episodes=long)
+    monkeypatch.setattr(run, "_play_batch", play_slowly)  # so that some batches are left to play
     at_first_batch(monkeypatch, two_workers.scheduler.kill)  # so this is the last test
     with pytest.raises(ClusterFailed) as lost, on_cluster(address):
         played(tmp_path / "run", episodes=long)

@@ -15,7 +15,7 @@ from experiments.command_line.signals import Terminated, loading, running
 ROOT = Path(__file__).parents[3]
 SECONDS = 90  # of a busy machine; what is waited for takes two or three
 COMPARE = ["-m", "experiments.cli", "compare", "--scene", "coarse", "--deciders", "threshold", "--targets", "cone"]
-COMPARE += ["--episodes", "5000", "--jobs", "2"]
+COMPARE += ["--episodes", "5000", "--jobs", "2", "--observation-model", "independent"]
 FIVE = 5  # a command, two workers, and the trackers of what they share
 SLEEPERS = """
 import time

@@ -19,7 +19,7 @@ OPTIONS = [
     *SMALL["targets"],
     "--episodes",
     "26",
-    *("--scene", "coarse", "--fidelity", "quasistatic", "--num-objects", "1"),
+    *("--scene", "coarse", "--fidelity", "quasistatic", "--num-objects", "1", "--observation-model", "independent"),
 ]
 
 

@@ -59,7 +59,7 @@ class Fails:
 
 
 def test_what_cannot_play_is_said_before_the_first_search_with_the_line_of_the_user(tmp_path, monkeypatch):
-    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"))
+    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"), observation_model="independent")
     line = r"test_play.py, line \d+: return {}\[\"no such key\"\]\nKeyError: 'no such key'"
     with pytest.raises(CodeFailed, match=line) as failed:
         prepared(setting, {"mine": FunctionPolicy(act)}, jobs=1)
