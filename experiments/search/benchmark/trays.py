@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -96,11 +97,22 @@ class TrayTask(Checked):
         if len(presses) > sensor.rules.most_touches:
             return f"it has more than {sensor.rules.most_touches} touches"
         way = [(0.0, 0.0), *(grid.centre(one.cell) for one in presses if isinstance(one, Press))]
-        success = is_right(*ended(answer), sensor.world(target, key).lay, target)
+        success = is_right(*ended(answer), _lay(sensor, target, key), target)
         cost = len(presses) + sensor.rules.travel * sum(map(math.dist, way, way[1:]))
         outcome = OUTCOMES[type(answer)]
         reward = 0.0 if outcome is Outcome.UNSURE else 1.0 if success else -1.0
         return outcome, success, len(presses), reward - self.touch_cost * cost
+
+
+_LAYS: WeakKeyDictionary[TraySensor, dict[tuple[str, tuple[int, int]], Any]] = WeakKeyDictionary()
+"""How the objects of searches lie, drawn once for all files of a task."""
+
+
+def _lay(sensor: TraySensor, target: str, key: tuple[int, int]) -> Any:
+    known = _LAYS.setdefault(sensor, {})
+    if (target, key) not in known:
+        known[target, key] = sensor.world(target, key).lay
+    return known[target, key]
 
 
 @dataclass(frozen=True)

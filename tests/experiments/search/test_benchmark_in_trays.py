@@ -28,12 +28,12 @@ SHAPES = {name: EXTENDED_SHAPES[name] for name in ("sphere", "cube", "half_spher
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    """A task of 24 searches for two shapes in small trays, in place of those of the package."""
+    """A task of 12 searches for two shapes in small trays, in place of those of the package."""
     folder = tmp_path_factory.mktemp("tasks")
     sensor = TraySensor.shipped("coarse", SHAPES, Tray(size=(0.16, 0.12), num_objects=2, present=0.7))
     setting = {**Card.named("drawer-v1").setting, "scene": "drawer(size=(0.16, 0.12), num_objects=2, present=0.7)"}
     given = {"name": "tray-v1", "setting": setting, "sensor_sha256": sensor.identity}
-    card = replace(Card.named("drawer-v1"), **given, targets=("cube", "torus"), episodes=12)
+    card = replace(Card.named("drawer-v1"), **given, targets=("cube", "torus"), episodes=6)
     (folder / "tray-v1.json").write_text(json.dumps(to_fields(card)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cards, "TASKS", folder)
@@ -69,7 +69,7 @@ def test_honest_files_pass_and_the_better_agent_returns_more(small, honest, caps
     Benchmark(check=tuple(honest.values()), jobs=1).run()
     said = capsys.readouterr().out
     assert "Refused" not in said
-    assert said.count("24 of 24 searches played again") == 2
+    assert said.count("12 of 12 searches played again") == 2
     results, _ = tables(check([*honest.values()], 0.0))
     returns = {row["agent"]: row["return"] for row in results.records()}
     assert returns["information_per_cost"] > returns["random"] > -1.0
