@@ -111,10 +111,18 @@ def test_independent_touches_are_stated_as_their_record_says():
     assert cells == [*(", ".join(stated(one, 1)) for one in (planned, greedy)), best]
 
 
-@pytest.mark.parametrize("page", [page for page in tables.PAGES if page not in tables.OF_ALL_SUBMISSIONS])
-def test_the_tables_of_a_page_are_those_of_the_records(page):
+def has_its_tables(page):
+    """Whether the tables of a page are those of the records."""
     text = (ROOT / page).read_text()
-    assert tables.PAGES[page](text) == text, "run python docs/generate/tables.py"
+    return tables.PAGES[page](text) == text
+
+
+TASKS = "docs/benchmark.md"  # which a test of the benchmark looks at, as both read its files
+
+
+@pytest.mark.parametrize("page", [page for page in tables.PAGES if page not in (TASKS, *tables.OF_ALL_SUBMISSIONS)])
+def test_the_tables_of_a_page_are_those_of_the_records(page):
+    assert has_its_tables(page), "run python docs/generate/tables.py"
 
 
 def test_the_sensor_of_independent_touches_is_stated_as_its_evaluation_says():
