@@ -21,6 +21,8 @@ SHORTER = {  # what takes long is smaller here, by parts of the code; `make nigh
     "docs/extending.md 3": {"* 10_000": "* 500", "episodes=2": "episodes=1"},
     "docs/extending.md 4": {'"point_based": "point_based"': '"point_based": "threshold"', "episodes=2": "episodes=1"},
     "docs/start.md 1": {"episodes=5": "episodes=1"},
+    "docs/environments.md 2": {"256": "16"},
+    "docs/your_own_objects.md 4": {"episodes=2": "episodes=1"},
     "docs/calibration.md 1": {"RandomForestClassifier(20": "RandomForestClassifier(4"},
     "docs/ppo.md 1": {"learn(2048)": "learn(1024)", '"point_based": "point_based"': '"point_based": "threshold"'},
     "examples/02_search_without_physics.py": {"NUM_EPISODES = 100": "NUM_EPISODES = 8"},
