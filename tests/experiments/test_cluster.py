@@ -223,24 +223,45 @@ def test_what_is_no_scheduler_is_not_waited_for(monkeypatch):
         pass
 
 
+LONG = 35  # in 14 batches
+
+
 def play_slowly(*arguments):
     time.sleep(0.1)
     return run._play_batch(*arguments)
 
 
-@pytest.mark.mujoco
-def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, tmp_path, monkeypatch):
+def lost(running, tmp_path, monkeypatch):
+    """The bytes of a comparison, and the batches that are kept of one whose scheduler dies."""
     monkeypatch.setattr(run, "EPISODES_PER_BATCH", 5)
-    address, long = two_workers.address, 35  # in 14 batches
-    whole = played(tmp_path / "alone", episodes=long)
-    monkeypatch.setattr(run, "_play_batch", play_slowly)  # so that some batches are left to play
-    at_first_batch(monkeypatch, two_workers.scheduler.kill)  # so this is the last test
-    with pytest.raises(ClusterFailed) as lost, on_cluster(address):
-        played(tmp_path / "run", episodes=long)
-    assert f"scheduler at {address} was lost. Finished results are kept" in str(lost.value)
-    assert str(lost.value).endswith("the same command goes on")
+    whole, address = played(tmp_path / "alone", episodes=LONG), running.address
+    at_first_batch(monkeypatch, running.scheduler.kill)
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "_play_batch", play_slowly)  # so that some batches are left to play
+        with pytest.raises(ClusterFailed) as failed, on_cluster(address):
+            played(tmp_path / "run", episodes=LONG)
+    assert f"scheduler at {address} was lost. Finished results are kept" in str(failed.value)
+    assert str(failed.value).endswith("the same command goes on")
     kept = contents(tmp_path / "run" / "cells")
     assert 1 <= b"".join(kept.values()).count(b"\n") < 14
-    with dask(tmp_path, port=address.rpartition(":")[2], workers=1), on_cluster(address):
-        assert played(tmp_path / "run", episodes=long) == whole
+    return whole, kept
+
+
+def goes_on(tmp_path, whole, kept):
+    assert played(tmp_path / "run", episodes=LONG) == whole
     assert all((tmp_path / "run" / "cells" / name).read_bytes().startswith(lines) for name, lines in kept.items())
+
+
+@pytest.mark.mujoco
+@pytest.mark.nightly
+def test_after_the_death_of_a_scheduler_the_same_command_goes_on_with_another(tmp_path, monkeypatch):
+    (tmp_path / "first").mkdir()
+    with dask(tmp_path / "first") as running:
+        found, port = lost(running, tmp_path, monkeypatch), running.address.rpartition(":")[2]
+    with dask(tmp_path, port=port, workers=1) as again, on_cluster(again.address):
+        goes_on(tmp_path, *found)
+
+
+@pytest.mark.mujoco
+def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, tmp_path, monkeypatch):
+    goes_on(tmp_path, *lost(two_workers, tmp_path, monkeypatch))  # without a cluster; it is the last test
