@@ -80,6 +80,13 @@ def test_every_name_in_a_block_of_code_is_defined_in_it(code):
     assert not names - bound - set(dir(builtins))
 
 
+NIGHTLY_BLOCKS = {  # which `make nightly` runs, and what does the same here
+    "docs/find.md 3": "activetouch/test_pose_belief.py::test_a_sensor_says_how_an_object_lies",
+    "docs/ppo.md 1": "experiments/ppo/test_train_ppo.py::test_training_learns_and_leaves_a_policy_and_is_not_repeated",
+    "docs/real_touch.md 2": "experiments/search/test_live.py::test_a_sensor_of_recorded_touches_names_objects",
+    "docs/robustness.md 1": "experiments/search/test_live.py::"
+    "test_a_sensor_in_an_unknown_state_tells_what_may_be_the_matter",
+}
 OF_PRINTED = {f"docs/{page}.md 1" for page in PRINTED}
 PRINTS = {
     "docs/start.md 3": "found the cube: True",
@@ -91,7 +98,14 @@ PRINTS = {
 
 @pytest.mark.mujoco
 @pytest.mark.torch
-@pytest.mark.parametrize("code", [block for block in BLOCKS if str(block.id) not in OF_PRINTED])
+@pytest.mark.parametrize(
+    "code",
+    [
+        pytest.param(*block.values, id=block.id, marks=[pytest.mark.nightly] * (block.id in NIGHTLY_BLOCKS))
+        for block in BLOCKS
+        if str(block.id) not in OF_PRINTED
+    ],
+)
 def test_every_block_of_code_runs(code, few_hypotheses, tmp_path, monkeypatch, capsys, request):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tests").symlink_to(ROOT / "tests")
@@ -117,11 +131,12 @@ NIGHTLY = {  # which `make nightly` runs, as all others in full, and what does t
 }
 
 
-def test_what_an_example_does_that_runs_nightly_has_a_test():
-    for name, test in NIGHTLY.items():
+def test_what_a_block_or_an_example_does_that_runs_nightly_has_a_test():
+    assert {*NIGHTLY_BLOCKS} <= {block.id for block in BLOCKS}
+    assert {*NIGHTLY} <= {*EXAMPLES}
+    for test in (*NIGHTLY_BLOCKS.values(), *(f"experiments/{test}" for test in NIGHTLY.values())):
         path, function = test.split("::")
-        assert name in EXAMPLES
-        assert function in functions_of(f"tests/experiments/{path}")
+        assert function in functions_of(f"tests/{path}")
 
 
 @pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in NIGHTLY])
