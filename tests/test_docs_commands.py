@@ -91,7 +91,8 @@ def test_every_part_of_the_papers_method_has_a_command():
 
 
 @pytest.mark.mujoco
-@pytest.mark.parametrize("line", ONE_OF_EACH_KIND)  # `make nightly` runs all
+@pytest.mark.nightly  # which runs all; tests of touches and grasps draw the same
+@pytest.mark.parametrize("line", ONE_OF_EACH_KIND)
 def test_the_presses_of_the_papers_method_write_their_files(line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("activetouch.view._FRAME", (64, 48))

@@ -70,6 +70,7 @@ def test_one_process_collects_touches_without_joblib(tmp_path):
 def test_a_comparison_loads_what_it_runs(traced, tmp_path):
     words = f"compare --scene coarse --targets cone --episodes 1 --jobs 1 --out {tmp_path / 'run'}".split()
     command = [sys.executable, "-m", "tests.footprint", *traced, *words]
+    command += [] if traced else ["--deciders", "information_gain"]
     run = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     found = json.loads(run.stdout.splitlines()[-1])
     assert found["modules"]

@@ -79,6 +79,7 @@ def test_every_agent_of_the_zoo_learns_and_plays(images, run, capsys):
     assert "2 live searches per decider" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.nightly
 def test_encoders_keep_take_or_ignore_the_weights_of_the_reader(run):
     import torch
 

@@ -115,7 +115,8 @@ def test_training_presses_as_the_scene_does():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
 @pytest.mark.torch
-def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
+@pytest.mark.parametrize("is_whole", [False, pytest.param(True, marks=pytest.mark.nightly)])
+def test_from_a_description_to_a_search(is_whole, few_hypotheses, tmp_path, monkeypatch):
     pytest.importorskip("torch")
     from activetouch.perception import contact_training
     from experiments.sensor.train import train_any_object
@@ -131,6 +132,9 @@ def test_from_a_description_to_a_search(few_hypotheses, tmp_path, monkeypatch):
         )  # which takes longest
         with pytest.raises(KeyboardInterrupt):
             train_any_object(pad.scene(), tmp_path, steps=2, pad=pad, any_pad=True)
+    assert list(tmp_path.iterdir())
+    if not is_whole:
+        return
     train_any_object(pad.scene(), tmp_path, steps=3, pad=pad, any_pad=True)  # resumes
     scene = pad.scene(share=np.full(7, 0.2))
     few_bodies = replace(

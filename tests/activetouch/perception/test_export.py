@@ -40,7 +40,7 @@ def classifier(backbone, input_size, channels=1, num_shapes=4):
     ("backbone", "input_size", "image_shape"),
     [
         ("grid_cnn", 32, (128, 128)),
-        ("small convnext", 32, (64, 64, 3)),
+        pytest.param("small convnext", 32, (64, 64, 3), marks=pytest.mark.nightly),
     ],
 )
 def test_a_reader_gives_what_its_network_gives(backbone, input_size, image_shape, tmp_path, rng):

@@ -422,6 +422,7 @@ def test_a_session_among_many_meshes_continues_from_its_log(sensor, tmp_path):
     session.close()
 
 
+@pytest.mark.nightly  # as searches in trays are
 @pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
 def test_searches_among_many_meshes_are_certified(folder, sensor):
     rules = {"risk": 0.5, "searches": 24, "targets": "cube", "num_objects": 2, "composition": "at_most_one", "jobs": 1}

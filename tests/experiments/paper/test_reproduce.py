@@ -59,13 +59,14 @@ def test_objects_that_miss_the_pad_have_no_images():
 
 @pytest.mark.mujoco
 @pytest.mark.torch
-def test_table_2_is_played_with_the_shipped_policies_and_every_file_is_written(tmp_path, monkeypatch):
+@pytest.mark.parametrize("deciders", [("ppo",), pytest.param(("threshold", "ppo"), marks=pytest.mark.nightly)])
+def test_table_2_is_played_with_the_shipped_policies_and_every_file_is_written(deciders, tmp_path, monkeypatch):
     assert set(DECIDERS) == {"threshold", "ppo", "ppo_confident", "ppo_posterior", "point_based"}
-    monkeypatch.setattr(table2, "DECIDERS", ("threshold", "ppo"))
+    monkeypatch.setattr(table2, "DECIDERS", deciders)
     found = reproduce(("table2",), tmp_path, table1.Settings(), episodes=1)
     found.save(tmp_path)
     numbers = json.loads((tmp_path / "table2.json").read_text())
-    assert [column["decider"] for column in numbers] == ["threshold", "ppo"]
+    assert [column["decider"] for column in numbers] == [*deciders]
     assert all(sum(column["successes"].values()) <= 4 for column in numbers)
     page = (tmp_path / "reproduce.md").read_text()
     assert "Deviations from the paper" in page

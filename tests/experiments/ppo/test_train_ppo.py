@@ -188,7 +188,7 @@ def test_a_setting_out_of_range_is_refused_by_name(name, wrong):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["DQN", "MaskablePPO"])
+@pytest.mark.parametrize("name", [pytest.param("DQN", marks=pytest.mark.nightly), "MaskablePPO"])
 def test_common_learners_train_on_the_environment(name, sharp):
     import sb3_contrib
     import stable_baselines3

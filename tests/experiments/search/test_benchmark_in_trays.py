@@ -114,13 +114,13 @@ def forgeries(found):
     yield [replace(batch, seconds=replace(batch.seconds, decision=0.0)) for batch in found.batches]
 
 
-def test_forged_files_are_refused(honest, tmp_path):
-    for name, path in honest.items():
-        found = Submission.load(path)
-        for number, batches in enumerate(forgeries(found)):
-            Submission(found.header, batches).save(tmp_path / f"{name}-{number}.gz")
+@pytest.mark.parametrize("name", ["random", pytest.param("information_per_cost", marks=pytest.mark.nightly)])
+def test_forged_files_are_refused(name, honest, tmp_path):
+    found = Submission.load(honest[name])
+    for number, batches in enumerate(forgeries(found)):
+        Submission(found.header, batches).save(tmp_path / f"{number}.gz")
     paths = sorted(tmp_path.iterdir())
-    assert len(paths) >= 50
+    assert len(paths) >= 25
     assert [entry.path.name for entry in check(paths, jobs=1) if not entry.faults] == []
 
 
