@@ -17,6 +17,7 @@ from activetouch.named_scenes import SCENES
 from experiments.cli import OPEN, REGISTRY, _parsed
 from experiments.command_line.help import help_of
 from planners.registry import DECIDERS
+from tests.sources import tree_of
 
 ROOT = Path(__file__).parent.parent
 SINCE_0_1_0, PAPER_METHOD = "records/tables/since_0_1_0.md", "records/tables/paper_method.md"
@@ -215,7 +216,7 @@ FOLDERS = ("activetouch", "belief", "planners", "experiments", "examples")
 @cache
 def trees():
     """The code of all folders."""
-    return [ast.parse(path.read_text()) for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
+    return [tree_of(path) for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
 
 
 @cache

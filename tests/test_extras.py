@@ -17,6 +17,7 @@ from activetouch.extras import EXTRAS, extra_of, require_extra, script_needs
 from belief import errors
 from belief.errors import MissingPackage, install_command
 from planners import fingerprint
+from tests.sources import tree_of
 
 ROOT = Path(__file__).parent.parent
 HIDDEN = sorted({module for modules in EXTRAS.values() for module in modules})
@@ -135,7 +136,7 @@ def test_no_module_needs_an_extra_to_be_imported_that_its_tests_do_without():
     ]
     assert len(files) > 200
     for path in files:
-        for line in ast.parse(path.read_text()).body:
+        for line in tree_of(path).body:
             named = [line.module or ""] if isinstance(line, ast.ImportFrom) else []
             named += [name.name for name in line.names] if isinstance(line, ast.Import) else []
             assert not missing & {name.partition(".")[0] for name in named}, f"{path}: {named}"

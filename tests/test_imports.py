@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.footprint import changes_of_package, statements
+from tests.sources import tree_of
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("activetouch", "belief", "planners", "experiments")
@@ -24,12 +25,6 @@ def modules_loaded_by(statement: str) -> set[str]:
     code = f"import sys; {statement}; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     return set(run.stdout.split())
-
-
-@cache
-def tree_of(file: Path) -> ast.Module:
-    """The code of a file."""
-    return ast.parse(file.read_text())
 
 
 @pytest.mark.parametrize("statement", ["from belief import *", "from planners import *", "import activetouch.world"])

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.sources import tree_of
+
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("belief", "planners", "activetouch", "experiments")
 
@@ -18,7 +20,7 @@ def modules() -> dict[str, Path]:
 
 def imports(path: Path, known: dict[str, Path]) -> Iterator[str]:
     """Modules of the product that a file imports anywhere: at the top, in a function, or for types only."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         names = []
         if isinstance(node, ast.Import):
             names = [(alias.name, alias.name) for alias in node.names]
