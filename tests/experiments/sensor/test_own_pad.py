@@ -79,6 +79,7 @@ def test_a_described_pad_needs_no_training(mine, few_hypotheses, monkeypatch, tm
 
 
 @pytest.mark.mujoco
+@pytest.mark.usefixtures("usual_pictures")
 def test_a_press_on_a_pad_is_drawn(mine, tmp_path, capsys):
     TouchCommand(SceneChoice(pad=mine), shape="cube", out=tmp_path / "taxels.png").run()
     said = capsys.readouterr().out
@@ -88,6 +89,7 @@ def test_a_press_on_a_pad_is_drawn(mine, tmp_path, capsys):
         TouchCommand(SceneChoice(pad=mine), all=True, out=tmp_path / "all.png").run()
 
 
+@pytest.mark.usefixtures("usual_pictures")
 def test_a_pad_is_fitted_on_the_command_line(mine, tmp_path, capsys):
     given = simulated(PAD, np.full(7, 0.5), np.random.default_rng(0), 12)
     np.savez(tmp_path / "presses.npz", readings=given.readings, forces=given.forces)
