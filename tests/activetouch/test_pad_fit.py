@@ -20,7 +20,7 @@ def presses(pad, seed=0, number=16, dead=()):
     return share, simulated(pad, share, np.random.default_rng(seed), number, dead)
 
 
-@pytest.mark.parametrize("is_relative", [False, True])
+@pytest.mark.parametrize("is_relative", [pytest.param(False, marks=pytest.mark.nightly), True])
 def test_the_truth_lies_in_narrow_intervals(is_relative):
     pad = replace(PAD, is_relative=is_relative)
     share, given = presses(pad, number=30, dead=(14,))

@@ -270,7 +270,12 @@ TAKE_LOGITS = {
 
 
 @pytest.mark.parametrize(
-    ("name", "form"), [*(("a touch", form) for form in FORMS), *((name, "two decimals") for name in TAKE_LOGITS)]
+    ("name", "form"),
+    [
+        *(("a touch", form) for form in FORMS),
+        *((name, "two decimals") for name in TAKE_LOGITS if name != "fit_observation_model"),
+        pytest.param("fit_observation_model", "two decimals", marks=pytest.mark.nightly),
+    ],
 )
 @pytest.mark.filterwarnings("error")
 def test_no_form_of_probabilities_is_taken_for_logits_in_silence(name, form, rng):

@@ -47,9 +47,10 @@ def test_all_beginnings_together_spend_what_may_be_spent():
     assert enough == [np.ceil(np.log(0.05 * share * 0.19) / np.log(0.95)) for share in shares[:6]]
 
 
-def test_too_many_wrong_answers_are_never_promised_whenever_one_looks():
+@pytest.mark.parametrize(("number", "most"), [(20, 4), pytest.param(60, 9, marks=pytest.mark.nightly)])
+def test_too_many_wrong_answers_are_never_promised_whenever_one_looks(number, most):
     broken = 0
-    for seed in range(60):
+    for seed in range(number):
         _, count = told(
             OnlineStops(risk=0.1, confidence=0.9),
             0.11,  # more are promised less often
@@ -58,7 +59,7 @@ def test_too_many_wrong_answers_are_never_promised_whenever_one_looks():
             lambda now: now.threshold < np.inf,
         )
         broken += count < 300
-    assert broken <= 9  # 6 are expected at most
+    assert broken <= most  # a tenth is expected at most
 
 
 def test_after_a_change_it_withdraws_and_regains_from_good_outcomes():

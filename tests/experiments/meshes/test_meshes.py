@@ -281,6 +281,8 @@ def test_what_cannot_be_sought_is_refused(folder):
         sensor_of({"cube": Box((0.01, 0.01, 0.01))}, "paper")
     with pytest.raises(InvalidArgument, match="no bodies"):
         sensor_of({})
+    with pytest.raises(InvalidArgument, match="within"):
+        identify(folder, within=0.0, num_objects=1, body="plate", jobs=1)
 
 
 def test_a_folder_has_a_scale_and_names_are_checked_before_files_are_read(folder, tmp_path, capsys):
@@ -349,6 +351,7 @@ def test_a_fit_that_is_damaged_or_of_another_set_is_made_again(sensor, tmp_path,
         assert len(fit(7, 9, **others)[1]) == 1, others
 
 
+@pytest.mark.nightly  # as poses are inferred in tests of them
 @pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
 def test_touches_go_on_until_it_is_known_how_an_object_lies(folder, tmp_path):
     small = {
@@ -370,8 +373,6 @@ def test_touches_go_on_until_it_is_known_how_an_object_lies(folder, tmp_path):
     page = known.save(tmp_path)
     assert "How they lie" in page.read_text()
     assert (tmp_path / "lies1.png").stat().st_size > 1000
-    with pytest.raises(InvalidArgument, match="within"):
-        identify(folder, within=0.0, **small)
 
 
 def test_find_plays_every_decider_of_compare_and_its_run_can_be_continued(folder, tmp_path, capsys):
