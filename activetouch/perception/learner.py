@@ -66,9 +66,9 @@ class Learner:
 
 @cache
 def has_bfloat16(device: str) -> bool:
-    """Whether a device computes in bfloat16; processors without instructions for it take much longer with it than without.
+    """Whether a device has instructions for bfloat16; processors without them take much longer with it than without.
 
-    torch before 2.13 does not say what a processor has: then it is False.
+    Older versions of torch do not say what a processor has: then it is False.
     """
     if device != "cpu":
         return True
