@@ -28,6 +28,7 @@ def test_scores_of_known_posteriors():
     assert found.gap_interval[0] < found.gap < found.gap_interval[1]
 
 
+@pytest.mark.nightly
 @pytest.mark.mujoco
 def test_more_touches_and_more_hypotheses_tell_more(tmp_path, capsys):
     data = tmp_path / "data"

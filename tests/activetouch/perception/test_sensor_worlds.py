@@ -104,7 +104,7 @@ def test_another_process_is_sent_no_tables_and_has_the_same(few_worlds):
     np.testing.assert_array_equal(pickle.loads(sent).in_pose(0), worlds.in_pose(0))
 
 
-@pytest.mark.parametrize("state", [True, None])
+@pytest.mark.parametrize("state", [pytest.param(True, marks=pytest.mark.nightly), None])
 def test_a_pad_of_switches_is_like_no_state_of_the_sensor(state, few_worlds, monkeypatch):
     monkeypatch.setattr(sensor_worlds, "_SIMULATED", 6144)
     scene = SCENES["gel"].scene

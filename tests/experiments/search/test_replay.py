@@ -84,7 +84,7 @@ def drawn_once():
     return drawn
 
 
-@pytest.mark.parametrize("name", ["search.webp", "search.gif"])
+@pytest.mark.parametrize("name", [pytest.param("search.webp", marks=pytest.mark.nightly), "search.gif"])
 def test_a_search_is_animated_from_its_first_touch_to_its_end(run, drawn_once, name, tmp_path, monkeypatch):
     monkeypatch.setattr(film, "_DPI", 30)
     monkeypatch.setattr(film.Film, "draw", drawn_once)
