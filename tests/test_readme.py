@@ -81,7 +81,8 @@ def test_every_name_in_a_block_of_code_is_defined_in_it(code):
 
 
 NIGHTLY_BLOCKS = {  # which `make nightly` runs, and what does the same here
-    "docs/find.md 1": "experiments/meshes/test_meshes.py::test_find_plays_every_decider_of_compare_and_its_run_can_be_continued",
+    "docs/find.md 1": "experiments/meshes/test_meshes.py::"
+    "test_find_plays_every_decider_of_compare_and_its_run_can_be_continued",
     "docs/find.md 3": "activetouch/test_pose_belief.py::test_a_sensor_says_how_an_object_lies",
     "docs/ppo.md 1": "experiments/ppo/test_train_ppo.py::test_training_learns_and_leaves_a_policy_and_is_not_repeated",
     "docs/real_touch.md 2": "experiments/search/test_live.py::test_a_sensor_of_recorded_touches_names_objects",
