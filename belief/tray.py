@@ -363,6 +363,8 @@ class TrayBelief:
 
     def require(self, touch: PlaceTouch) -> None:
         """Raise InvalidArgument for a touch that does not fit the tray and its table, or is not finite."""
+        if len(touch.cell) != len(self.cells):
+            raise InvalidArgument(f"cell of a touch must be two indices, got {shown(touch.cell)}")
         for axis, (place, number) in enumerate(zip(touch.cell, self.cells, strict=True)):
             require_index(f"cell[{axis}] of a touch", place, number)
         require_number("height of a touch", touch.height, 0.0, 1.0)

@@ -127,7 +127,7 @@ class Identified(MeshResult):
         if none:
             said += (
                 " A body that differs from its file, such as a scan, is none of these: say by how much (tolerance). So "
-                "is every body for a sensor that is not as described."
+                "may any body be for a sensor that is not as described."
             )
         return replace(found, note=found.note + said)
 

@@ -319,6 +319,7 @@ def test_noise_in_another_unit_is_refused(wrong):
     [
         (PlaceTouch((4, 0)), r"cell\[0\] of a touch must be an integer in \[0, 4\), got 4"),
         (PlaceTouch((0, -1)), r"cell\[1\] of a touch"),
+        (PlaceTouch((0, 0, 0)), "cell of a touch must be two indices"),
         (PlaceTouch((0, 0), height=np.nan), "height of a touch"),
         (PlaceTouch((0, 0), height=0.02), "a contact has an embedding"),
         (PlaceTouch((0, 0), embedding=np.zeros(2)), "a miss neither"),
