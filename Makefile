@@ -28,7 +28,7 @@ tests: others
 quick: development
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch and not nightly" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics tests/planners/test_classification.py
 
-# Every shell command of README and docs, with small sizes, and what the tests make smaller: about twenty minutes.
+# Every shell command of README and docs, with small sizes, and what the tests make smaller: an hour or more.
 nightly: development
 	OMP_NUM_THREADS=1 $(BIN)/pytest tests/nightly_commands.py -n 2
 	OMP_NUM_THREADS=1 $(BIN)/pytest -m nightly -n 2

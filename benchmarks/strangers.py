@@ -27,7 +27,7 @@ from experiments.parallel import run_tasks
 from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
 
 PRIORS, ENDS = (0.0, 0.05, 0.15), ("right", "wrong", NONE_OF_THESE, "unsure")
-SENSORS = {"as described": {}, "doubted": {"unknown_state": None, "other_proportions": True}}
+SENSORS = {"as described": {}, "doubted": {"doubting": True}}
 
 
 def named(scene: str, sensor: str, world: str, prior: float, is_listed: bool, objects: int, seed: int) -> list[float]:
