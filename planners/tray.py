@@ -369,6 +369,23 @@ def cover(belief: TrayBelief, world: World) -> tuple[Floats, Floats]:
     return kinds[0], kinds[1]
 
 
+def maps_of(belief: TrayBelief, standing: Standing, at: tuple[float, float]) -> NDArray[np.float32]:
+    """What learners see of a belief, from where the pad is (x, y) [m], ``(5, X, Y)`` in [0, 1].
+
+    The chance that a press meets the target, or another object, that was not found yet; that it meets a found object,
+    each in the likeliest world; the probability that the target is the object found within 15 mm; and the distance from
+    the pad, as a share of the diagonal of the tray.
+    """
+    world = belief.worlds[0]
+    here = np.zeros(belief.cells)
+    for place, prob in standing.places:
+        near = _distances(belief, place) < SAME_PLACE
+        here[near] = np.maximum(here[near], prob)
+    way = _distances(belief, at) / np.hypot(*belief.size)
+    maps = np.stack([*cover(belief, world), 1.0 - belief.unmet(world), here, way])
+    return np.clip(maps, 0.0, 1.0).astype(np.float32)
+
+
 def _press(cell: NDArray[np.int64]) -> Press:
     return Press((int(cell[0]), int(cell[1])))
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from activetouch.extras import missing_package
 from activetouch.tray.sensor import Keyed, TraySensor
 from belief.naming import index_of
-from planners.tray import SAME_PLACE, cover
+from planners.tray import maps_of
 from planners.tray_session import TraySession, ended, is_right
 
 try:
@@ -27,7 +27,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     `Box(0, 1, (2,), float32)`: the place of the next press, from one wall to the other along x and y.
 
     ## Observation Space
-    `Box(0, 1, (4, X, Y), float32)`, maps over the cells of the tray (about 5 mm):
+    `Box(0, 1, (5, X, Y), float32)`, maps over the cells of the tray (about 5 mm), as :func:`planners.tray.maps_of`:
 
     | map | meaning |
     |---|---|
@@ -35,6 +35,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 1 | chance that a press meets another object that was not found yet |
     | 2 | chance that a press meets an object that was found |
     | 3 | probability that the target is the object which was found there, within 15 mm; elsewhere 0 |
+    | 4 | distance from the pad, as a share of the diagonal of the tray |
 
     ## Starting State
     A tray with random objects; the pad is at the corner (0, 0). `reset(options={"target": "cone"})` chooses the target.
@@ -72,7 +73,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.target, self.touch_cost, self.render_mode = target, touch_cost, render_mode
         cells = self.sensor.belief(0).cells
         self.action_space = spaces.Box(0.0, 1.0, (2,), np.float32)
-        self.observation_space = spaces.Box(0.0, 1.0, (4, *cells), np.float32)
+        self.observation_space = spaces.Box(0.0, 1.0, (5, *cells), np.float32)
         self._session: TraySession
         self._touched: Keyed
 
@@ -111,14 +112,5 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return {"target": label, "target_prob": standing.target, "absent_prob": standing.absent}
 
     def _observed(self) -> NDArray[np.float32]:
-        belief = self._session.belief
-        world = belief.worlds[0]
-        target, others = cover(belief, world)
-        where = np.zeros(belief.cells)
-        along, across = (np.arange(number) for number in belief.cells)
-        for place, prob in self._session.standing.places:
-            x, y = belief.cell_at(*place)
-            near = np.hypot(along[:, None] - x, across - y) * belief.table.pitch < SAME_PLACE
-            where[near] = np.maximum(where[near], prob)
-        maps = np.stack([target, others, 1.0 - belief.unmet(world), where])
-        return np.clip(maps, 0.0, 1.0).astype(np.float32)
+        session = self._session
+        return maps_of(session.belief, session.standing, session.at)

@@ -510,6 +510,7 @@ def test_the_environment_is_one_of_gymnasium(sensor):
     check_env(env.unwrapped, skip_render_check=True)
     observation, info = env.reset(seed=3, options={"target": "cube"})
     assert info["target"] == "cube"
+    assert observation[4].argmin() == 0  # the pad is at the corner
     rewards, ends = [], False
     for step in range(60):
         place = np.unravel_index(int(observation[0].argmax()), observation.shape[1:])  # where it may be most probably
@@ -517,6 +518,8 @@ def test_the_environment_is_one_of_gymnasium(sensor):
         observation, reward, ends, truncated, info = env.step(np.float32(action))
         rewards.append(reward)
         assert not truncated
+        pressed = sensor.grid.cell_at(*(np.float32(action) * sensor.tray.size).tolist())
+        assert observation[4].argmin() == np.ravel_multi_index(pressed, observation.shape[1:])
         if ends:
             break
     assert ends
