@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.distributions import Constant
+from activetouch.distributions import Constant, Uniform
 from activetouch.errors import SceneShift
 from activetouch.named_scenes import SCENES, as_named
 from activetouch.orientations import Inexact
@@ -52,6 +52,18 @@ if TYPE_CHECKING:
     from planners.certified import Certificate
 
 _FEW_CONTACTS = 256  # shapes times poses for which a table of hypotheses is always made
+
+
+def _as_far_as_moved(scene: Scene) -> Scene:
+    """The scene at rest whose presses are as far beside the middle as objects move: another model is fitted to that.
+
+    It is of a sensor without a reader of any object, as ``keyed``; those with one are right about moved objects.
+    """
+    still = replace(scene, moves=None)
+    if scene.moves is None or scene.hand is not None:
+        return still
+    farthest = max(scene.moves.shift, *np.abs(scene.variation.offset.support))
+    return replace(still, variation=replace(scene.variation, offset=Uniform(-farthest, farthest)))
 
 
 def _guards(folder: Path, path: Path, scene: Scene, independent: bool) -> tuple[bool | None, bool]:
@@ -191,7 +203,9 @@ class TactileSensor(Searching):
             model: ArrayModel = nested_model(reader, scene, plan)
         else:
             with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
-                model = cls._model(reader, scene, fitted, bool(unknown_state))
+                knows_others = any_object_file(folder, scene, independent) is not None
+                fitted_in = scene if knows_others else _as_far_as_moved(full)
+                model = cls._model(reader, fitted_in, fitted, bool(unknown_state))
             if other_proportions and other is not None:
                 from activetouch.perception.proportions import with_other_proportions  # other sensors do not need it
 
