@@ -233,6 +233,25 @@ def test_a_sensor_is_fitted_to_presses_that_are_farther_beside_the_middle():
         assert TactileSensor.shipped("paper-independent", farthest).model.reads != "embeddings"
 
 
+@pytest.mark.parametrize(
+    ("name", "shift", "farthest"), [("keyed", 0.005, 0.005), ("keyed", 0.0, 0.002), ("coarse", 0.005, 0.002)]
+)
+def test_a_sensor_without_a_reader_of_any_object_is_fitted_to_shifted_ones(name, shift, farthest, monkeypatch):
+    fitted_in, make = [], TactileSensor._model
+
+    def made(reader, scene, fitted, unknown_state):
+        fitted_in.append(scene)
+        return make(reader, SCENES[name].scene, fitted, unknown_state)
+
+    monkeypatch.setattr(TactileSensor, "_model", staticmethod(made))
+    scene = replace(SCENES[name].scene, moves=Moves(shift=shift))
+    sensor = TactileSensor.shipped(name, scene, anyway=True)
+    assert fitted_in[0].moves is None
+    assert max(fitted_in[0].variation.offset.support) == farthest
+    assert isinstance(sensor.model, MovingBodyModel)
+    assert sensor.scene == scene
+
+
 @pytest.mark.torch
 def test_how_an_object_lies_is_how_it_lies_after_its_moves():
     scene = replace(SCENES["coarse"].scene, press_model=Quasistatic(), moves=Moves(0.3, np.deg2rad(15.0), 0.0))
