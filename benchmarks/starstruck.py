@@ -392,7 +392,7 @@ def play(env: Any, player: Player, seed: int, options: dict[str, int]) -> dict[s
 def plays(file: Path, split: str, net: Any, rules: Iterable[str], seeds: range, temperature: float) -> dict[str, Any]:
     """Episodes by rule, the same scenes and first places for all: classes ``(E,)`` and probabilities ``(E, 32, 3)``."""
     kept: dict[str, list[Any]] = {name: [] for name in rules}
-    for line in file.read_text().splitlines() if file.exists() else ():
+    for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
         one = json.loads(line)
         kept[one["rule"]].append(one)
     env = None
@@ -408,7 +408,7 @@ def plays(file: Path, split: str, net: Any, rules: Iterable[str], seeds: range, 
             player = Player(net, RULES[name], np.random.default_rng(seed), temperature)
             options = {"datapoint_idx": seed} if split == "train" else {}
             lines.append({"rule": name, **play(env, player, seed, options)})
-            with file.open("a") as stream:
+            with file.open("a", encoding="utf-8", newline="\n") as stream:
                 print(json.dumps(lines[-1]), file=stream, flush=True)
     return {
         name: tuple(np.array([line[key] for line in lines[: len(seeds)]]) for key in ("class", "probs"))

@@ -1,12 +1,15 @@
 """A task among objects in a tray: agents play it, honest files pass their check, and forged ones do not."""
 
 import json
+import runpy
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from activetouch.envs.tray import TraySearchEnv
 from activetouch.shapes import EXTENDED_SHAPES
 from activetouch.tray.sensor import TraySensor
 from activetouch.tray.world import Tray
@@ -23,6 +26,7 @@ from experiments.search.drawer import searches
 from planners.tray import ConfirmAt, RandomPlaces, TrayDecision
 
 pytestmark = pytest.mark.mujoco
+EXAMPLES = Path(__file__).parents[3] / "examples" / "benchmark"
 SHAPES = {name: EXTENDED_SHAPES[name] for name in ("sphere", "cube", "half_sphere", "torus")}
 
 
@@ -196,3 +200,37 @@ def test_a_program_that_answers_wrongly_is_named(answer, small, tmp_path):
     (tmp_path / "agent.py").write_text(AGENT.replace("ANSWER", f"answer if 'ok' in answer else {answer}"))
     with pytest.raises(BrokenContract, match=r"answered .* in the tray of 0\.16 x 0\.12 m"):
         small.play("it", f"process:{sys.executable} {tmp_path / 'agent.py'}", 1)
+
+
+@pytest.mark.nightly  # the environment and agents of one's own have tests
+def test_a_policy_learns_from_the_maps_of_a_tray_and_presses_where_it_saw_them(small, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("stable_baselines3")
+    text = (EXAMPLES / "tray_policy.py").read_text()
+    for of_users, few in (
+        ('TASK, FOLDER = "drawer-v1"', 'TASK, FOLDER = "tray-v1"'),
+        ("num_envs: int = 8", "num_envs: int = 1"),
+        ("n_steps=128", "n_steps=64"),
+        ("batch_size=256", "batch_size=64"),
+    ):
+        assert of_users in text
+        text = text.replace(of_users, few)
+    (tmp_path / "tray_policy.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["tray_policy.py", "--steps", "1", "--seeds", "3"])
+    script = runpy.run_path("tray_policy.py", run_name="__main__")
+    assert "ppo-3.zip: return" in capsys.readouterr().out
+    sensor = small.tray.made
+    few = replace(sensor, rules=replace(sensor.rules, most_touches=3, sure=1.0, sure_absent=1.0))
+    found = few.search("cube", "tray_policy:Learned(seed=3)", seed=1)
+    maps = script["squares"](np.zeros((5, *sensor.grid.cells), np.float32))
+    middles = [script["cell_of"](square, sensor.grid.cells) for square in range(maps[0].size)]
+    assert len({*middles}) == len(middles)
+    pressed = [sensor.grid.cell_at(*step.place) for step in found.steps]
+    assert len({*pressed}) == len(pressed) == 3
+    assert {*pressed} <= {*middles}
+    env = script["Squares"](TraySearchEnv(sensor))
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    env.step(maps[0].size - 1)
+    assert env.unwrapped._session.steps[0].place == pytest.approx(sensor.grid.centre(middles[-1]))
