@@ -226,6 +226,11 @@ def _untouched() -> Floats:
     return arrangements(area[area > 0])[0]
 
 
+def doubted(probs: Floats, doubt: float) -> Floats:
+    """Probabilities of the numbers of stars, if the reading of a map may say nothing about them."""
+    return (1.0 - doubt) * probs + doubt / MOST
+
+
 @dataclass
 class Player:
     """A map of what was touched, the belief that the reader takes from it, and a rule for the next touch.
@@ -234,12 +239,14 @@ class Player:
         net: the reader.
         rule: from the player to the next place, ``(2,)`` [mm], which may be farther than one step.
         rng: generator of the rule.
-        temperature: of the logits of the number of stars.
+        doubt: probability that what was read says nothing about the number of stars.
+        temperature: of what is then stated.
     """
 
     net: Any
     rule: Callable[[Player], Floats]
     rng: np.random.Generator
+    doubt: float = 0.0
     temperature: float = 1.0
     touches: int = 0
     plan: Iterator[Floats] | None = None
@@ -261,8 +268,10 @@ class Player:
         area = squares()[1]
         self.weights = area[area > 0] * np.exp(ratios[area > 0])
         sums, self.pairs = arrangements(self.weights)
-        logits = np.log(sums / _untouched() + LEAST) / self.temperature  # of p(map | number), up to a factor
-        self.probs = np.exp(update(np.full(MOST, -np.log(MOST)), logits)[0])
+        logits = np.log(sums / _untouched() + LEAST)  # of p(map | number), up to a factor
+        read = np.exp(update(np.full(MOST, -np.log(MOST)), logits)[0])
+        stated = doubted(read, self.doubt) ** (1.0 / self.temperature)
+        self.probs = stated / stated.sum()
 
     @property
     def star_probs(self) -> Floats:
@@ -389,8 +398,11 @@ def play(env: Any, player: Player, seed: int, options: dict[str, int]) -> dict[s
     return {"seed": seed, "class": int(info["prediction"]["target"]), "probs": stated}
 
 
-def plays(file: Path, split: str, net: Any, rules: Iterable[str], seeds: range, temperature: float) -> dict[str, Any]:
-    """Episodes by rule, the same scenes and first places for all: classes ``(E,)`` and probabilities ``(E, 32, 3)``."""
+def plays(file: Path, split: str, net: Any, rules: Iterable[str], seeds: range, *trust: float) -> dict[str, Any]:
+    """Episodes by rule: classes ``(E,)`` and probabilities ``(E, 32, 3)``, of the same scenes and first places for all.
+
+    ``trust`` are the doubt and the temperature of the players.
+    """
     kept: dict[str, list[Any]] = {name: [] for name in rules}
     for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
         one = json.loads(line)
@@ -405,7 +417,7 @@ def plays(file: Path, split: str, net: Any, rules: Iterable[str], seeds: range, 
                 import tactile_mnist  # noqa: F401, registers the task
 
                 env = ap_gym.make(f"Starstruck-Depth-{split}-v0")
-            player = Player(net, RULES[name], np.random.default_rng(seed), temperature)
+            player = Player(net, RULES[name], np.random.default_rng(seed), *trust)
             options = {"datapoint_idx": seed} if split == "train" else {}
             lines.append({"rule": name, **play(env, player, seed, options)})
             with file.open("a", encoding="utf-8", newline="\n") as stream:
@@ -418,16 +430,20 @@ def plays(file: Path, split: str, net: Any, rules: Iterable[str], seeds: range, 
 
 def main(folder: Path, number: int, steps: int, calibrations: int, episodes: int, seed: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    net, scale, name = reader(folder, number, steps), 1.0, f"{number}_{steps}"
+    net, doubt, scale, name = reader(folder, number, steps), 0.0, 1.0, f"{number}_{steps}"
     if calibrations:
         file, seeds = folder / f"calibration_{name}.jsonl", range(CALIBRATION, CALIBRATION + calibrations)
-        true, probs = plays(file, "train", net, ["look ahead"], seeds, 1.0)["look ahead"]
-        logits = np.log(np.maximum(probs, 1e-12)).reshape(-1, MOST)
-        scale = TemperatureScaling().fit(logits, np.repeat(true, TOUCHES)).temperature
+        true, probs = plays(file, "train", net, ["look ahead"], seeds)["look ahead"]
+        true, probs = np.repeat(true, TOUCHES), probs.reshape(-1, MOST)
+        tried = np.geomspace(1e-4, 0.5, 60)
+        fits = [np.log(doubted(probs[np.arange(len(true)), true], doubt)).mean() for doubt in tried]
+        doubt = float(tried[np.argmax(fits)])
+        scale = TemperatureScaling().fit(np.log(doubted(probs, doubt)), true).temperature
     file = folder / f"test_{name}_{calibrations}_{seed}.jsonl"
-    results = plays(file, "test", net, RULES, range(seed, seed + episodes), scale)
+    results = plays(file, "test", net, RULES, range(seed, seed + episodes), doubt, scale)
     print(f"Starstruck-Depth-test-v0: {episodes} episodes of {TOUCHES} touches, seeds {seed} to {seed + episodes - 1}.")
-    print(f"Reader: {number} training scenes, {steps} steps; temperature {scale:.3f} of {calibrations} episodes.")
+    trust = f"doubt {doubt:.3f}, temperature {scale:.3f} of {calibrations} episodes"
+    print(f"Reader: {number} training scenes, {steps} steps; {trust}.")
     print("95 % intervals: Wilson, and a bootstrap over episodes; natural logarithms.")
     head = f"{'player':13}{'final accuracy':22}{'mean over touches':22}"
     print(f"{head}p final  mean   log final  mean   half ≤  90 % ≤   (touches to a stated {STATED})")
