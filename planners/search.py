@@ -223,7 +223,7 @@ def naming_session(
 
     Args:
         decider: a selector of poses, whose target is label 0 and has no meaning; or a decider, which is asked about the
-            most probable label. Of one that stops by the probability of the target, the selector is taken. Where
+            most probable label. Of one that stops by the probability of the target, the selector is asked. Where
             another one would stop too early, the touch that tells most about the label is made.
         model: likelihood of touches; its labels are equally probable before the first.
         pose_labels: names of the P poses.
@@ -256,10 +256,10 @@ def naming_session(
     rules = {"touch_limit": max_touches, "unsure_reward": 0.0, "unlisted": unlisted, "opinion": opinion}
     problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, **rules)  # type: ignore[arg-type]
     rule = _Certain(threshold, max_touches, until)
-    if isinstance(decider, SequentialDecider) and isinstance(decider.stopping, PosteriorThresholds):
-        decider = decider.probing
     player: Decider
-    if isinstance(decider, ProbeSelector):
+    if isinstance(decider, SequentialDecider) and isinstance(decider.stopping, PosteriorThresholds):
+        player = _ForLikeliest(SequentialDecider(rule, decider.probing))
+    elif isinstance(decider, ProbeSelector):
         player = SequentialDecider(rule, decider)
     else:
         player = StopOverride(rule, _ForLikeliest(decider), ShapeInformationGain(model.outcome_table()))
