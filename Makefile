@@ -199,7 +199,7 @@ OBJECTS.keyed := $(OBJECTS.hard)
 BY_FILE.coarse = recurrent_ppo
 ON_IMAGES.coarse = images_frozen images_tuned images_new
 SCORED = PATH=$(BIN):$$PATH activetouch benchmark --jobs 1 --task $*-v1 --out records/submissions/$*-v1
-zoo: $(addprefix zoo-,coarse $(LIKE_COARSE))
+zoo: $(addprefix zoo-,coarse $(LIKE_COARSE) drawer)
 	$(BIN)/python docs/generate/tables.py
 
 zoo-%: BY_FILE = ppo maskable_ppo dqn $(BY_FILE.$*)
@@ -211,6 +211,11 @@ zoo-%: development
 		$(SCORED)/zoo-$$agent-$$seed.jsonl.gz --agent sb3:$(WRITTEN)/$$agent-$$seed.zip || exit 1; done; \
 	for agent in $(ON_IMAGES.$*); do $(SCORED)/zoo-$$agent-$$seed.jsonl.gz \
 		--agent "process:python examples/benchmark/image_policy.py $(WRITTEN)/$$agent-$$seed.zip" || exit 1; done; done
+
+zoo-drawer: development
+	$(BIN)/python examples/benchmark/tray_policy.py --seeds 0 1
+	for seed in 0 1; do PYTHONPATH=examples/benchmark PATH=$(BIN):$$PATH activetouch benchmark --jobs 1 --task drawer-v1 \
+		--out records/submissions/drawer-v1/zoo-ppo-$$seed.jsonl.gz --agent "tray_policy:Learned(seed=$$seed)" || exit 1; done
 
 figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure
