@@ -52,9 +52,8 @@ def python(tmp_path):
 
 @pytest.mark.mujoco
 def test_searches_need_no_training_stack(python, tmp_path):
-    deciders = ("information_gain", "threshold", "ppo")
-    words = ("--scene", "paper", "--sensor", "paper-independent", "--targets", "cone")
-    words += ("--episodes", "1", "--jobs", "1", "--out", "run")
+    deciders = ("information_gain", "threshold", "ppo_goal")
+    words = ("--scene", "coarse", "--targets", "cone", "--episodes", "1", "--jobs", "1", "--out", "run")
     done = python("-m", "activetouch", "compare", *words, "--deciders", *deciders)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run" / "report.html").stat().st_size > 10_000

@@ -65,6 +65,7 @@ def test_the_example_of_a_scene_is_touched_and_compared_with_a_sensor_of_another
     assert len(episodes(tmp_path / "run")[0]["arrangement"]) == 3
 
 
+@pytest.mark.nightly  # a renderer of one's own has a test of its contract
 def test_the_example_of_a_renderer_is_touched_and_compared(activetouch, tmp_path):
     renderer = "own_renderer:Outline(threshold=0.2)"
     activetouch("own_renderer", "touch", "--renderer", renderer, "--shape", "cube", "--out", "cube.png")

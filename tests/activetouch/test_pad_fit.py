@@ -46,6 +46,7 @@ def test_an_odd_taxel_is_found():
     assert found.dead == ()
 
 
+@pytest.mark.nightly  # fits of forces have tests that run always
 def test_depths_alone_do_not_tell_the_stiffness():
     _, given = presses(PAD, number=8)
     found = fit_pad(PAD, BallPresses(RADIUS, given.readings, None, np.full(8, 5e-4)))

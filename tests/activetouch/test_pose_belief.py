@@ -95,6 +95,7 @@ def test_a_sensor_says_how_an_object_lies() -> None:
     assert sum(held) >= 2
 
 
+@pytest.mark.nightly  # a sensor does
 def test_a_session_says_how_an_object_lies() -> None:
     sensor = TactileSensor.shipped("coarse")
     session, rng = sensor.session("cone", num_objects=1), np.random.default_rng(4)

@@ -262,6 +262,7 @@ def test_after_the_death_of_a_scheduler_the_same_command_goes_on_with_another(tm
         goes_on(tmp_path, *found)
 
 
+@pytest.mark.nightly  # a killed worker and a killed command have tests that run always
 @pytest.mark.mujoco
 def test_after_the_death_of_a_scheduler_the_same_command_goes_on(two_workers, tmp_path, monkeypatch):
     goes_on(tmp_path, *lost(two_workers, tmp_path, monkeypatch))  # without a cluster; it is the last test

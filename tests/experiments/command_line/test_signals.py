@@ -92,11 +92,11 @@ def stopped(process, number, send, is_at_work):
         process.communicate()
 
 
-ENDS = pytest.mark.parametrize(
-    ("number", "send", "code"),
-    [(signal.SIGTERM, os.kill, 143), (signal.SIGKILL, os.kill, -9), (signal.SIGINT, os.killpg, 130)],
-    ids=["SIGTERM", "SIGKILL", "Ctrl-C"],
-)
+ENDS = {
+    "SIGTERM": (signal.SIGTERM, os.kill, 143),
+    "SIGKILL": (signal.SIGKILL, os.kill, -9),
+    "Ctrl-C": (signal.SIGINT, os.killpg, 130),
+}
 
 
 def judge(found, code):
@@ -107,8 +107,16 @@ def judge(found, code):
 
 
 @linux
-@ENDS
-@pytest.mark.parametrize("script", [SLEEPERS, pytest.param(ON_CLUSTER, marks=needs_cluster)], ids=["jobs", "cluster"])
+@pytest.mark.parametrize(
+    ("script", "number", "send", "code"),
+    [
+        *(pytest.param(SLEEPERS, *end, id=f"jobs-{name}") for name, end in ENDS.items()),
+        *(
+            pytest.param(ON_CLUSTER, *end, id=f"cluster-{name}", marks=[needs_cluster] + [pytest.mark.nightly] * rarely)
+            for rarely, (name, end) in zip((True, False, False), ENDS.items(), strict=True)
+        ),
+    ],
+)
 def test_no_worker_or_file_outlives_its_command(tmp_path, script, number, send, code):
     process = start(["-c", script], tmp_path)
     judge(stopped(process, number, send, lambda: len(processes_of(process.pid)) >= FIVE), code)

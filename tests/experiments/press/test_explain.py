@@ -111,6 +111,7 @@ def test_shapes_are_compared_by_the_reader_of_the_scene_alone(name, monkeypatch)
     assert words == f"Shapes are not compared: the reader of {name} was trained for another hand."
 
 
+@pytest.mark.nightly  # as on the pads of scenes
 def test_shapes_are_compared_on_a_described_pad(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(explain, "_PLAN", replace(explain._PLAN, pressed=8))
     path = tmp_path / "mine.toml"

@@ -63,6 +63,7 @@ def test_a_sensor_of_a_pad_and_a_scene_without_it_say_what_does_not_fit_and_what
     assert "Leave out --sensor" in str(failed.value)
 
 
+@pytest.mark.nightly  # a described pad is searched with in tests of its sensor
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
 def test_a_described_pad_needs_no_training(mine, few_hypotheses, monkeypatch, tmp_path):
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
