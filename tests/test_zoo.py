@@ -15,6 +15,7 @@ from activetouch.errors import WrongScene
 from experiments.cli import main
 from experiments.command_line.arguments import BadArgument
 from experiments.search.benchmark.cards import Card
+from tests.sources import with_smaller
 
 FOLDER = Path(__file__).parent.parent / "examples" / "benchmark"
 BY_FILE = ("ppo", "maskable_ppo", "recurrent_ppo", "dqn")
@@ -38,19 +39,15 @@ def collected(tmp_path_factory):
 def run(collected, tmp_path, monkeypatch):
     """Runs a script or a command in a folder with the scripts of the benchmark and touches of a few objects."""
     pytest.importorskip("sb3_contrib")
-    for name in ("zoo.py", "image_policy.py"):
-        shutil.copy(FOLDER / name, tmp_path)
-    text = (tmp_path / "zoo.py").read_text()
-    for of_users, few in (
+    shutil.copy(FOLDER / "image_policy.py", tmp_path)
+    parts = (
         ("num_envs: int = 128", "num_envs: int = 16"),
         ("TEST_PROB = 1000", "TEST_PROB = 40"),
         ('"batch_size": 512', '"batch_size": 64'),
         ('"batch_size": 1024', '"batch_size": 128'),
         ('"learning_starts": 5_000', '"learning_starts": 16'),
-    ):
-        assert of_users in text
-        text = text.replace(of_users, few)
-    (tmp_path / "zoo.py").write_text(text)
+    )
+    (tmp_path / "zoo.py").write_text(with_smaller(FOLDER / "zoo.py", *parts))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.delitem(sys.modules, "image_policy", raising=False)

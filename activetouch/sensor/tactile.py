@@ -62,8 +62,10 @@ def _as_far_as_moved(scene: Scene) -> Scene:
     still = replace(scene, moves=None)
     if scene.moves is None or scene.hand is not None:
         return still
-    farthest = max(scene.moves.shift, *np.abs(scene.variation.offset.support))
-    return replace(still, variation=replace(scene.variation, offset=Uniform(-farthest, farthest)))
+    shift = scene.moves.shift
+    if shift <= max(np.abs(scene.variation.offset.support)):
+        return still
+    return replace(still, variation=replace(scene.variation, offset=Uniform(-shift, shift)))
 
 
 def _guards(folder: Path, path: Path, scene: Scene, independent: bool) -> tuple[bool | None, bool]:

@@ -24,6 +24,7 @@ from experiments.search.benchmark.command import Benchmark, listed
 from experiments.search.benchmark.submission import Submission
 from experiments.search.drawer import searches
 from planners.tray import ConfirmAt, RandomPlaces, TrayDecision
+from tests.sources import with_smaller
 
 pytestmark = pytest.mark.mujoco
 EXAMPLES = Path(__file__).parents[3] / "examples" / "benchmark"
@@ -205,16 +206,13 @@ def test_a_program_that_answers_wrongly_is_named(answer, small, tmp_path):
 @pytest.mark.nightly  # the environment and agents of one's own have tests
 def test_a_policy_learns_from_the_maps_of_a_tray_and_presses_where_it_saw_them(small, tmp_path, monkeypatch, capsys):
     pytest.importorskip("stable_baselines3")
-    text = (EXAMPLES / "tray_policy.py").read_text()
-    for of_users, few in (
+    parts = (
         ('TASK, FOLDER = "drawer-v1"', 'TASK, FOLDER = "tray-v1"'),
         ("num_envs: int = 8", "num_envs: int = 1"),
         ("n_steps=128", "n_steps=64"),
         ("batch_size=256", "batch_size=64"),
-    ):
-        assert of_users in text
-        text = text.replace(of_users, few)
-    (tmp_path / "tray_policy.py").write_text(text)
+    )
+    (tmp_path / "tray_policy.py").write_text(with_smaller(EXAMPLES / "tray_policy.py", *parts))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["tray_policy.py", "--steps", "1", "--seeds", "3"])
