@@ -35,7 +35,7 @@ from activetouch.pressing.rig import (
     stop_clock,
 )
 from activetouch.solids.solid import Floats
-from belief.constraints import NOT_NEGATIVE, require_rule
+from belief.constraints import NOT_NEGATIVE, Within, require_rule
 
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
@@ -44,6 +44,7 @@ _MOST_FORCE = 50.0  # largest force of a sliding finger's servo [N]
 _TORSION = 0.003  # friction of a pad's contact against turning about its normal, relative to that against sliding [m]
 _STICKS = (0.004, 1.0)  # settings of that friction: soft friction lets a body creep
 _LIGHT = 0.05  # force that a finger keeps until the others touch, too [N]
+_GRIP = Within(1e-6, 1e3, unit=" N m")
 _CALM = 0.001  # speed of a body that rests [m/s]
 _BLUE = (0.3, 0.5, 0.75, 1)
 
@@ -69,9 +70,11 @@ class Gripper(ABC):
         self._pads = [self.model.geom(f"pad{number}").id for number in range(self.model.nsensor)]
         self._body, self._radius = self.model.body("object").id, radius
         first, free = self.model.body_dofadr[self._body], self.model.body_dofnum[self._body]
-        damping = law.damping * np.array([1, 1, 1, *[(radius / 2) ** 2] * 3])
-        self.model.dof_damping[first : first + free] = damping[:free]
-        self._velocity = self.data.qvel[first : first + free]
+        slides = free - 3 if self.model.body_jntnum[self._body] == 1 else free
+        shifts, turns = slice(first, first + slides), slice(first + slides, first + free)
+        self.model.dof_damping[shifts], self.model.dof_damping[turns] = law.damping, law.damping * (radius / 2) ** 2
+        self.model.dof_frictionloss[turns] = law.grip or 0.0
+        self._shifting, self._turning = self.data.qvel[shifts], self.data.qvel[turns]
         mujoco.mj_forward(self.model, self.data)
 
     def __len__(self) -> int:
@@ -103,7 +106,8 @@ class Gripper(ABC):
     @property
     def speed(self) -> float:
         """Largest speed of the body's surface [m/s]."""
-        return float(np.abs(self._velocity[:3]).max() + self._radius * np.abs(self._velocity[3:]).max(initial=0.0))
+        shifting, turning = (np.abs(part).max(initial=0.0) for part in (self._shifting, self._turning))
+        return float(shifting + self._radius * turning)
 
     def met(self, placement: Placement) -> tuple[list[Placement], Floats]:
         """See :func:`in_front`."""
@@ -176,7 +180,9 @@ class SlidingPads(Gripper):
             servo.set_to_position(kp=SERVO_STIFFNESS, dampratio=1.0)
             servo.forcerange = [-_MOST_FORCE, _MOST_FORCE]
         body = add_body(spec, fingers[0] @ to_matrix(met[0].orientation), centre, pad, met)
-        if law.turns:
+        if len(met) == 1:
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)  # the palm holds its place
+        elif law.turns:
             body.add_freejoint()
         else:
             for axis in np.eye(3):
@@ -194,18 +200,21 @@ class SlidingPads(Gripper):
 
 @dataclass(frozen=True)
 class Closing(Dynamic):
-    """Position-controlled fingers that close on a body until each has its force; a single pad presses as by Dynamic.
+    """Position-controlled fingers that close on a body until each has its force.
 
     Each finger advances along its axis and keeps a light touch until all others touch or are at their end. Then all
     squeeze: the velocity is proportional to the force error, up to ``speed``. The grasp ends when the errors of all
     fingers that touch have stayed within the tolerance, and the body at rest, for the whole ``pause``. A finger that
     meets nothing ends behind the body's centre. The body is in the palm, which slows it down and carries its weight.
+    For a single pad the palm also holds the body's place, and its orientation too unless there is a ``grip``.
 
     Attributes:
         timestep, speed, admittance, tolerance, pause, patience, start, travel, traced: as of :class:`Dynamic`, of a
             finger; ``start`` is the distance of each pad's face from the palm's centre.
         turns: whether the body can turn; else the palm holds its orientation, as in a quasistatic grasp.
         damping: force per velocity by which the palm slows the body down [N s/m].
+        grip: torque up to which the palm holds the body's orientation, so that a press beside its middle or on a slope
+            may turn it [N m]; None for no such friction.
     """
 
     closes: ClassVar[bool] = True
@@ -213,12 +222,18 @@ class Closing(Dynamic):
     admittance: float = 0.04
     turns: bool = True
     damping: float = 10.0
+    grip: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.grip is not None:
+            require_rule("grip", self.grip, _GRIP)
 
     def close(
         self, pad: Pad, met: Sequence[Placement], fingers: Floats, centre: Floats, forces: Sequence[float]
     ) -> Grasp:
         """See :class:`activetouch.pressing.contact.Press`."""
-        if len(met) == 1:  # the palm holds the body
+        if len(met) == 1 and self.grip is None:  # the palm holds the body
             return super().close(pad, met, fingers, centre, forces)
         for force in forces:
             require_rule("target_force", force, NOT_NEGATIVE)

@@ -70,6 +70,31 @@ def test_a_body_that_can_turn_turns_its_faces_to_opposed_pads():
     assert [contact.depth < 0.001 for contact in found.contacts] == [True, True]  # by faces, not by edges
 
 
+def test_a_single_pad_turns_a_body_that_the_palm_holds_loosely_to_its_face():
+    tilted = Placement(EXTENDED_SHAPES["cube"], 1.0, np.array([np.cos(0.15), 0.0, 0.0, np.sin(0.15)]), friction=0.1)
+    palm = Hand.one_finger()
+
+    def pressed(**law):
+        found = Closing(**law).close(COARSE.pad, [tilted], palm.rotations, np.zeros(3), [2.0])
+        cosine = min(found.met[0].orientation @ tilted.orientation, 1.0)
+        return found.contacts[0], 2.0 * np.arccos(cosine)
+
+    fixed, firm, loose = pressed(), pressed(grip=10.0), pressed(grip=0.002)
+    assert fixed[1] < 1e-6
+    assert firm[1] < 0.002
+    assert firm[0].force == pytest.approx(2.0, rel=0.11)
+    images = [COARSE.image(contact).ravel() for contact, _ in (fixed, firm)]
+    assert np.corrcoef(*images)[0, 1] > 0.99
+    assert loose[1] == pytest.approx(0.3, abs=0.03)  # it lies flat
+    assert (loose[0].pressure > 0.0).sum() > 2 * (firm[0].pressure > 0.0).sum()
+
+
+def test_a_grip_is_a_torque():
+    for wrong in (0.0, -1.0, np.nan, np.inf, "firm"):
+        with pytest.raises(InvalidArgument, match=r"grip must be a number in \[1e-06, 1000\] N m"):
+            Closing(grip=wrong)
+
+
 def test_a_finger_that_misses_a_body_that_slips_out_and_an_empty_hand_are_legal():
     ball = replace(COARSE, shapes={"ball": Sphere(0.010)})
     for aim, touching in [((0.0, 0.1), 0), ((0.026, 0.0), 0)]:  # nothing there; one finger pushes it out of the hand
