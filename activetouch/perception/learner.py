@@ -29,7 +29,7 @@ class Learner:
         groups = [{"params": decayed, "weight_decay": weight_decay}, {"params": vectors, "weight_decay": 0.0}]
         self._optimizers: list[Optimizer] = [AdamW(groups)]
         if muon:
-            self._optimizers.append(Muon(matrices, weight_decay=weight_decay, adjust_lr_fn="match_rms_adamw"))
+            self._optimizers.append(SingleMuon(matrices, weight_decay=weight_decay))
         with_muon = {id(matrix) for matrix in matrices} if muon else set()
         self._moments = [
             (f"{moment}.{name}", self._optimizers[id(parameter) in with_muon], parameter, moment)
@@ -62,6 +62,39 @@ class Learner:
         for key, optimizer, parameter, moment in self._moments:
             optimizer.state[parameter][moment] = tensors[key].to(parameter.device)
             optimizer.state[parameter]["step"] = torch.tensor(float(steps))
+
+
+class SingleMuon(Muon):
+    """Muon in single precision.
+
+    That of torch orthogonalises in bfloat16, whatever the parameters are. Without instructions for it, that takes most
+    of the time of a training.
+    """
+
+    @torch.no_grad()
+    def step(self, closure: Any = None) -> None:
+        """Change the matrices by their gradients, as torch's Muon with Nesterov's momentum."""
+        for group in self.param_groups:
+            for matrix in group["params"]:
+                if matrix.grad is None:
+                    continue
+                momentum = self.state[matrix].setdefault("momentum_buffer", torch.zeros_like(matrix))
+                momentum.lerp_(matrix.grad, 1.0 - group["momentum"])
+                update = matrix.grad.lerp(momentum, group["momentum"])
+                rate = group["lr"] * 0.2 * math.sqrt(max(matrix.shape))  # as long as a step of AdamW
+                matrix.mul_(1.0 - group["lr"] * group["weight_decay"])
+                matrix.add_(orthogonalised(update, group["ns_coefficients"], group["ns_steps"]), alpha=-rate)
+
+
+def orthogonalised(matrix: Tensor, coefficients: tuple[float, float, float], steps: int) -> Tensor:
+    """A matrix with the same singular vectors, whose singular values are near 1: iterations of Newton and Schulz."""
+    a, b, c = coefficients
+    wide = matrix.T if matrix.shape[0] > matrix.shape[1] else matrix
+    wide = wide / wide.norm().clamp(min=1e-7)
+    for _ in range(steps):
+        gram = wide @ wide.T
+        wide = torch.addmm(wide, torch.addmm(gram, gram, gram, beta=b, alpha=c), wide, beta=a)
+    return wide.T if matrix.shape[0] > matrix.shape[1] else wide
 
 
 @cache

@@ -63,6 +63,22 @@ def test_bfloat16_is_for_processors_that_have_instructions_for_it(has, monkeypat
     learner.has_bfloat16.cache_clear()
 
 
+@pytest.mark.parametrize("shape", [(12, 5), (5, 12), (8, 8)])
+def test_muon_in_single_precision_steps_as_that_of_torch(shape):
+    rng = torch.Generator().manual_seed(0)
+    start = torch.randn(shape, generator=rng)
+    found = []
+    for kind, settings in ((learner.SingleMuon, {}), (torch.optim.Muon, {"adjust_lr_fn": "match_rms_adamw"})):
+        matrix, chance = torch.nn.Parameter(start.clone()), torch.Generator().manual_seed(1)
+        optimizer = kind([matrix], lr=0.01, weight_decay=0.05, **settings)
+        for _ in range(3):
+            matrix.grad = torch.randn(shape, generator=chance)
+            optimizer.step()
+        found.append(matrix.detach() - start)
+    assert (found[0] - found[1]).norm() < 0.03 * found[1].norm()  # which rounds to bfloat16
+    assert found[0].norm() > 0.01
+
+
 @pytest.mark.parametrize("optimizer", ["adamw", "muon"])
 def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(optimizer, tmp_path):
     recipe = replace(RECIPE, optimizer=optimizer)
