@@ -72,7 +72,7 @@ class SingleMuon(Muon):
     """
 
     @torch.no_grad()
-    def step(self, closure: Any = None) -> None:
+    def step(self, closure: Any = None) -> None:  # type: ignore[override]
         """Change the matrices by their gradients, as torch's Muon with Nesterov's momentum."""
         for group in self.param_groups:
             for matrix in group["params"]:
