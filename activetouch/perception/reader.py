@@ -372,7 +372,13 @@ class HypothesisTable:
     def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
         if self.reader.hypotheses is None:
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
-        return self.reader.hypotheses.embedded(self.scene, self.scene.hypotheses(num_hypotheses), pose)
+        if num_hypotheses not in self._bodies:
+            self._bodies[num_hypotheses] = self.scene.hypotheses(num_hypotheses)
+        return self.reader.hypotheses.embedded(self.scene, self._bodies[num_hypotheses], pose)
+
+    @cached_property
+    def _bodies(self) -> dict[int, Bodies]:
+        return {}
 
     @property
     def groups(self) -> tuple[int, ...]:
