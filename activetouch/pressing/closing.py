@@ -233,7 +233,7 @@ class Closing(Dynamic):
         self, pad: Pad, met: Sequence[Placement], fingers: Floats, centre: Floats, forces: Sequence[float]
     ) -> Grasp:
         """See :class:`activetouch.pressing.contact.Press`."""
-        if len(met) == 1 and self.grip is None:  # the palm holds the body
+        if len(met) == 1 and not (self.turns and self.grip):  # the palm holds the body
             return super().close(pad, met, fingers, centre, forces)
         for force in forces:
             require_rule("target_force", force, NOT_NEGATIVE)

@@ -81,6 +81,7 @@ def test_a_single_pad_turns_a_body_that_the_palm_holds_loosely_to_its_face():
 
     fixed, firm, loose = pressed(), pressed(grip=10.0), pressed(grip=0.002)
     assert fixed[1] < 1e-6
+    assert pressed(grip=0.002, turns=False)[1] < 1e-6
     assert firm[1] < 0.002
     assert firm[0].force == pytest.approx(2.0, rel=0.11)
     images = [COARSE.image(contact).ravel() for contact, _ in (fixed, firm)]
