@@ -147,7 +147,7 @@ Floats = NDArray[np.float64]
 _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041  # the root of ψ⁴ = ψ + 4 (Alexa 2022)
 _DRAWN = 4096  # numbers that stand for a distribution
-_GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 _PLASTIC_ROOT = 0.7548776662466927  # 1 / ρ with ρ³ = ρ + 1
 
 
@@ -166,7 +166,7 @@ def quaternions(num: int) -> Floats:
 
 def sizes(distribution: Distribution, num: int) -> Floats:
     """Sizes that cover a distribution evenly, ``(num,)``: quantiles at multiples of the golden ratio, modulo 1."""
-    return quantiles(distribution, kronecker(_GOLDEN, num))
+    return quantiles(distribution, kronecker(GOLDEN, num))
 
 
 def member_shares(num: int) -> Floats:

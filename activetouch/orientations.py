@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.distributions import quaternions
+from activetouch.distributions import GOLDEN, kronecker, quaternions
 from activetouch.poses import Quaternion, WorldObject, multiply, random_orientation, turn
 from belief.constraints import Checked, Probability, Within
 
@@ -104,6 +104,41 @@ class Resampled(LyingAnyhow):
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
         return random_orientation(rng)
+
+
+_FACING = (turn("z", 0.0), turn("z", np.pi), *(turn(axis, sign * np.pi / 2) for axis in "yz" for sign in (1.0, -1.0)))
+
+
+@dataclass(frozen=True)
+class Held(Checked):
+    """As a closing hand holds it: an axis of the object points at the pad, and another one in every touch.
+
+    A hand turns a box or a cylinder until a face or its side lies on the pad. The six directions are equally probable,
+    and so are rotations about the approach axis. Touches of one object are then independent.
+
+    ``error`` is the standard deviation of the remaining turn about each axis [rad].
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    error: Annotated[float, _ANGLE] = np.deg2rad(10.0)
+
+    def rest(self, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return self._facing(int(rng.integers(len(_FACING))), rng.uniform(), rng)
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return self.rest(rng)
+
+    def rests(self, num: int) -> NDArray[np.float64]:
+        """See :class:`Presentation`."""
+        rng, rolls = np.random.default_rng(0), kronecker(GOLDEN, num)
+        return np.stack([self._facing(number % len(_FACING), roll, rng) for number, roll in enumerate(rolls)])
+
+    def _facing(self, side: int, roll: float, rng: np.random.Generator) -> Quaternion:
+        """The orientation in which a side faces the pad, after a part of a whole turn about the approach axis."""
+        return multiply(small_turn(self.error, rng), multiply(turn("x", 2.0 * np.pi * roll), _FACING[side]))
 
 
 @dataclass(frozen=True)

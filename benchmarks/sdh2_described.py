@@ -2,18 +2,22 @@
 
     python -m benchmarks.sdh2_described FOLDER --trees 6000
     python -m benchmarks.sdh2_described FOLDER
+    python -m benchmarks.sdh2_described FOLDER --held 10
     activetouch train --pad benchmarks/recorded_sets/sdh2.toml --out sensors/sdh2
     python -m benchmarks.sdh2_described FOLDER --sensor sensors/sdh2
 
-The second line is of the reader of any pad, the last one of what goes on from it for this pad. With ``--trees``, forty
-numbers of each touch are read by extra trees that learn from so many presses of the described pad, each with a random
-response: what the description itself carries over.
+The second line is of the reader of any pad, the last one of what goes on from it for this pad. With ``--held``, an axis
+of each object points at the pad, missed by a turn of so many degrees (standard deviation about each axis), as a hand
+holds it; without, objects lie in any orientation. With ``--trees``, forty numbers of each touch are read by extra trees
+that learn from so many presses of the described pad, each with a random response: what the description itself carries
+over.
 
 FOLDER holds the set ``sdh2``. Each grasp gives one touch: the frame of the largest total pressure, and in it the pad of
 the largest sum; its rows are moved by whole taxels, so that the contact lies in the middle of the pad's length. The
 hypotheses are those of benchmarks/sdh2_zero_shot.py. The pad is in an unknown state, inferred from the touches of an
 object, within the ranges of the description. Prints the share that is right and the stated probability of single
-grasps and of four grasps of an object, and what is stated where a search would stop.
+grasps and of four grasps of an object, and what is stated where a search would stop. Readers then name objects in
+sessions of at most four grasps, which end unsure where grasps look like no press on any pad of the description.
 """
 
 from __future__ import annotations
@@ -27,7 +31,9 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from activetouch import PadDescription, TactileSensor, read_pad, sensor_of_pad
+from activetouch import PadDescription, Scene, TactileSensor, read_pad, sensor_of_pad
+from activetouch.orientations import Held
+from belief import Confirm, Probe
 from belief.statistics import wilson_interval
 from benchmarks.recorded_sets.dsa import read_dsa
 from benchmarks.recorded_sets.sdh2 import SHAPES
@@ -74,9 +80,9 @@ def numbers_of(readings: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return np.concatenate([extents, counts, *sums])
 
 
-def simulated(pad: PadDescription, number: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def simulated(pad: PadDescription, base: Scene, number: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of simulated touches, each with another response, and their shapes."""
-    rng, base = np.random.default_rng(0), real_scene()
+    rng = np.random.default_rng(0)
     found, truths = [], []
     for press in range(number):
         scene = pad.scene(base, rng.uniform(size=7))
@@ -107,15 +113,18 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--sensor", type=Path)
     parser.add_argument("--trees", type=int)
+    parser.add_argument("--held", type=float)
     given = parser.parse_args()
     pad, base = read_pad(DESCRIPTION), real_scene()
+    if given.held is not None:
+        base = replace(base, presentation=Held(np.deg2rad(given.held)))
     rows, labels = round(2 * pad.taxels.half_width / pad.taxels.pitch), list(base.shapes)
     shape = rows, len(pad.taxels) // rows
     top = given.folder / "grasps" if (given.folder / "grasps").is_dir() else given.folder
     if given.trees:
         from sklearn.ensemble import ExtraTreesClassifier
 
-        numbers, shapes = simulated(pad, given.trees, shape)
+        numbers, shapes = simulated(pad, base, given.trees, shape)
         trees = ExtraTreesClassifier(400, min_samples_leaf=3, random_state=0).fit(numbers, shapes)
 
         def likelihoods(felt: np.ndarray) -> np.ndarray:
@@ -134,6 +143,39 @@ def main() -> None:
             return np.stack([model.start().update(touch).log_ratios for touch in touches])
 
     report(top, likelihoods, prior, labels, rows)
+    if not given.trees:
+        name_in_sessions(sensor, pad, grasps_of(top, rows))
+
+
+def grasps_of(top: Path, rows: int) -> list[tuple[str, str, list[np.ndarray]]]:
+    """Shape, name and readings of each object that was felt."""
+    found = []
+    for shape, names in SHAPES.items():
+        for name in names:
+            each = [readings_of(path, rows) for path in sorted((top / name).glob("*.dsa"))]
+            if felt := [one for one in each if one is not None]:
+                found.append((shape, name, felt))
+    return found
+
+
+def name_in_sessions(
+    sensor: TactileSensor, pad: PadDescription, objects: list[tuple[str, str, list[np.ndarray]]], rounds: int = 5
+) -> None:
+    """Print how many sessions name an object, and how many rightly; each has other grasps."""
+    named, stated, number = [], [], rounds * len(objects)
+    for shape, _, felt in objects:
+        for seed in range(rounds):
+            grasps = np.random.default_rng([seed, 7]).permutation(len(felt))
+            session = sensor.naming(seed=seed, threshold=_STOP, max_touches=GRASPS)
+            while isinstance(asked := session.ask(), Probe):
+                session.tell(image=pad.image(felt[grasps[len(session.steps)]]), pose=0)
+            session.tell()
+            if isinstance(asked, Confirm):
+                named.append(session.answer == shape)
+                stated.append(session.stated)
+    low, high = wilson_interval(sum(named), len(named))
+    right = f"right {np.mean(named):.3f} [{low:.3f}, {high:.3f}], stated {np.mean(stated):.3f}" if named else "none"
+    print(f"sessions of up to {GRASPS} grasps: {len(named)} of {number} named, {right}")
 
 
 def report(
@@ -147,21 +189,16 @@ def report(
 
     rng = np.random.default_rng(0)
     single, truths, several, of_several, means = [], [], [], [], []
-    for shape, names in SHAPES.items():
-        for name in names:
-            found = [readings_of(path, rows) for path in sorted((top / name).glob("*.dsa"))]
-            felt = [one for one in found if one is not None]
-            if not felt:
-                continue
-            each = likelihoods(np.stack(felt))
-            own = np.array([posterior(each[i : i + 1]) for i in range(len(each))])
-            single.append(own)
-            truths += [labels.index(shape)] * len(own)
-            means.append(np.mean(own.argmax(axis=1) == labels.index(shape)))
-            print(f"  {shape:8} {name:24} {len(own):3} grasps, right {means[-1]:.3f}", flush=True)
-            for _ in range(_REPEATS if len(each) >= GRASPS else 0):
-                several.append(posterior(each[rng.choice(len(each), GRASPS, replace=False)]))
-                of_several.append(labels.index(shape))
+    for shape, name, felt in grasps_of(top, rows):
+        each = likelihoods(np.stack(felt))
+        own = np.array([posterior(each[i : i + 1]) for i in range(len(each))])
+        single.append(own)
+        truths += [labels.index(shape)] * len(own)
+        means.append(np.mean(own.argmax(axis=1) == labels.index(shape)))
+        print(f"  {shape:8} {name:24} {len(own):3} grasps, right {means[-1]:.3f}", flush=True)
+        for _ in range(_REPEATS if len(each) >= GRASPS else 0):
+            several.append(posterior(each[rng.choice(len(each), GRASPS, replace=False)]))
+            of_several.append(labels.index(shape))
     confusion = np.zeros((len(labels), len(labels)), int)
     np.add.at(confusion, (truths, np.concatenate(single).argmax(axis=1)), 1)
     print("read as", labels)

@@ -23,7 +23,7 @@ from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.named_scenes import SCENES, NamedScene, as_named
-from activetouch.orientations import Inexact, Moves, Presentation, Resampled, Tumbled, Upright
+from activetouch.orientations import Held, Inexact, Moves, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.contact import Press
 from activetouch.pressing.dynamic import GuardedMove
 from activetouch.rendering import RENDERERS, TactileRenderer
@@ -48,6 +48,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
     "inexact": Inexact(),
     "upright": Upright(),
     "resampled": Resampled(),
+    "held": Held(),
 }
 
 

@@ -11,8 +11,8 @@ from activetouch import SCENES, SHAPES, Quasistatic, Scene
 from activetouch.distributions import Constant, LogUniform, Uniform
 from activetouch.errors import BadMesh
 from activetouch.mesh_source import read_objects
-from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
-from activetouch.poses import aimed, to_matrix, turn
+from activetouch.orientations import Held, Inexact, Resampled, Tumbled, Upright
+from activetouch.poses import aimed, to_matrices, to_matrix, turn
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
 from activetouch.shapes import Box, Cut, Mesh, Sphere, Union
@@ -81,6 +81,24 @@ def test_an_upright_object_stands_within_its_tilt(rng):
     assert tilts.max() <= 0.1 + 1e-9
     assert tilts.max() > 0.08
     assert np.abs(axes[:, :2].mean(axis=0)).max() < 0.02  # leaning in no direction in particular
+
+
+def test_a_held_object_shows_the_pad_a_side_in_every_touch(rng):
+    exact = replace(STILL, presentation=Held(error=0.0))
+    thing = exact.sample_object("cube", rng)
+    for pose in range(3):  # a face, whatever the pose turns
+        depth = exact.press(thing, pose, rng).contact.pressure
+        assert np.ptp(depth[depth > 0.0]) < 1e-3 * depth.max()
+    axes = to_matrices(Held(error=0.1).rests(3000))[:, 0]
+    sides = np.column_stack([axes, -axes]).argmax(axis=1)
+    assert np.bincount(sides, minlength=6).tolist() == [500] * 6
+    missed = np.arccos(np.abs(axes).max(axis=1))
+    assert np.sqrt(np.square(missed).mean() / 2.0) == pytest.approx(0.1, rel=0.05)
+    shown = [exact.place(thing, 0, rng).orientation for _ in range(200)]
+    assert len({tuple(one.round(6)) for one in shown}) == 200
+    assert exact.symmetry is Symmetry.ROTATIONS_AND_MIRROR
+    with pytest.raises(ValueError, match=r"error must be a number in \[0, 3.14159\] rad, got -1"):
+        Held(error=-1)
 
 
 def test_turned_images_are_as_likely_only_where_nothing_has_a_direction():
