@@ -114,7 +114,8 @@ class Held(Checked):
     """As a closing hand holds it: an axis of the object points at the pad, and another one in every touch.
 
     A hand turns a box or a cylinder until a face or its side lies on the pad. The six directions are equally probable,
-    and so are rotations about the approach axis. Touches of one object are then independent.
+    and so are rotations about the approach axis. Poses turn the object from there, so that
+    ``front`` alone shows sides. Touches are independent given shape and size.
 
     ``error`` is the standard deviation of the remaining turn about each axis [rad].
     """
@@ -129,7 +130,7 @@ class Held(Checked):
 
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
-        return self.rest(rng)
+        return multiply(pose, self.rest(rng))
 
     def rests(self, num: int) -> NDArray[np.float64]:
         """See :class:`Presentation`."""
@@ -139,6 +140,10 @@ class Held(Checked):
     def _facing(self, side: int, roll: float, rng: np.random.Generator) -> Quaternion:
         """The orientation in which a side faces the pad, after a part of a whole turn about the approach axis."""
         return multiply(small_turn(self.error, rng), multiply(turn("x", 2.0 * np.pi * roll), _FACING[side]))
+
+
+ANEW = Resampled, Held
+"""Presentations in which an object lies anew in each touch."""
 
 
 @dataclass(frozen=True)

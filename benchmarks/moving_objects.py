@@ -11,7 +11,8 @@ what the belief says of a move before a touch, in bins, and the share that turne
 
 In two worlds the body is free in MuJoCo and then lies as the touch leaves it (friction 0.3 to 1). "grasped": two pads
 close on it. "pushed": one pad presses it, and the palm that holds its place yields to a torque. How often and how far
-it turns is what the touches of 60 other objects did.
+it turns is what the touches of 60 other objects did. In "lying anew" and "held", every touch finds the object in
+another orientation.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ import numpy as np
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.distributions import Uniform
 from activetouch.errors import SceneShift
-from activetouch.orientations import Inexact, Moves
+from activetouch.orientations import Held, Inexact, Moves, Resampled
 from activetouch.pressing.closing import Closing
 from activetouch.sensor_files import MODELS
 from belief.statistics import wilson_interval
@@ -59,6 +60,8 @@ WORLDS: dict[str, Any] = {
     "pose error 20°": lambda scene: replace(scene, presentation=Inexact(np.deg2rad(20.0))),
     "grasped": lambda scene: freed(scene, "parallel", Closing()),
     "pushed": lambda scene: freed(scene, "one_finger", Closing(grip=GRIP)),
+    "lying anew": lambda scene: replace(scene, presentation=Resampled()),
+    "held": lambda scene: replace(scene, presentation=Held()),
     "5 mm off": lambda scene: replace(scene, variation=replace(scene.variation, offset=Uniform(-0.005, 0.005))),
 }
 

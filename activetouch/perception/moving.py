@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import Bodies, quaternions
 from activetouch.errors import WrongScene
-from activetouch.orientations import Inexact, Tumbled
+from activetouch.orientations import ANEW, Inexact, Tumbled
 from activetouch.perception.contacts.hypotheses import cell_of
 from activetouch.rotation_cells import LEVELS, centres, nearest
 from activetouch.scene import Scene
@@ -26,6 +26,7 @@ _LARGER = 1.1  # a pose error by its cell, from which cells do not express it
 _SIZES = 0.15  # deviation of sizes, and of places in a family, that count as equal, relative to their range
 _FARTHEST = 3.0  # deviations
 _HALVINGS = 10  # of the range in which a deviation is found
+_BINS = 8  # of sizes, and of places in a family
 _WIDE = 0.6  # width of the cells that share their turns, relative to the deviation of a turn
 
 
@@ -44,12 +45,15 @@ def missed_by(scene: Scene, num_hypotheses: int) -> float:
 
 
 def in_exact_poses(scene: Scene, num_hypotheses: int) -> Scene:
-    """The scene in which a model is fitted: with exact poses where :func:`moving_model` knows how they are missed."""
-    return replace(scene, presentation=Tumbled()) if missed_by(scene, num_hypotheses) else scene
+    """The scene in which a model is fitted: objects stay, in exact poses, where :func:`moving_model` knows better."""
+    is_told = missed_by(scene, num_hypotheses) or isinstance(scene.presentation, ANEW)
+    return replace(scene, presentation=Tumbled()) if is_told else scene
 
 
 def moving_model(model: ArrayModel, scene: Scene) -> ArrayModel:
     """A model for the moves and the pose errors of a scene; the model itself where there are none.
+
+    Where objects lie anew in each touch, touches tell of the same shape and size, and of no common orientation.
 
     Raises:
         WrongScene: objects move, and the belief is not about one rigid body of unknown orientation.
@@ -64,6 +68,8 @@ def moving_model(model: ArrayModel, scene: Scene) -> ArrayModel:
             )
         return model
     number, moves = model.num_hypotheses, scene.moves
+    if isinstance(scene.presentation, ANEW):
+        return MovingBodyModel.of(replace(model, correlation=0.0), 1.0, anew_kernel(scene, scene.hypotheses(number)))
     error = missed_by(scene, number)
     if not (error or moves):
         return model
@@ -72,6 +78,17 @@ def moving_model(model: ArrayModel, scene: Scene) -> ArrayModel:
     if moves is None:
         return MovingBodyModel.of(model, error=miss)
     return MovingBodyModel.of(model, moves.prob, turning_kernel(bodies.rests, moves.angle), miss)
+
+
+def anew_kernel(scene: Scene, bodies: Bodies) -> CellKernel:
+    """From any of N hypotheses to any other of about its size and proportions."""
+    low, high = scene.variation.size.support
+    kept = (bodies.sizes - low) / (high - low) if high > low else np.zeros(len(bodies.sizes))
+    bins = np.minimum(kept * _BINS, _BINS - 1).astype(np.int64)
+    if scene.families:
+        bins = _BINS * bins + (bodies.shares * _BINS).astype(np.int64)
+    used, wide = np.unique(bins, return_inverse=True)
+    return CellKernel.of(np.eye(len(used)), np.ones(len(wide)), wide)
 
 
 def missing_kernel(scene: Scene, bodies: Bodies, deviation: float) -> CellKernel:

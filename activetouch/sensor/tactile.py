@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import SceneShift
 from activetouch.named_scenes import SCENES, as_named
-from activetouch.orientations import Inexact
+from activetouch.orientations import ANEW, Inexact
 from activetouch.perception.cached_arrays import announced
 from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
@@ -216,7 +216,7 @@ class TactileSensor(Searching):
                 from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
 
                 model = doubted(model, path if is_of_pad else doubting_file(folder, scene, independent), scene)
-        if full.moves is not None or isinstance(full.presentation, Inexact):
+        if full.moves is not None or isinstance(full.presentation, (Inexact, *ANEW)):
             from activetouch.perception.moving import moving_model  # other sensors do not need it
 
             model = moving_model(model, full)

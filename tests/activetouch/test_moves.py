@@ -10,7 +10,7 @@ import pytest
 from activetouch import SCENES, TactileSensor, TouchWorld
 from activetouch.distributions import Constant, Uniform, quaternions
 from activetouch.errors import SceneShift, WrongScene
-from activetouch.orientations import Inexact, Moves
+from activetouch.orientations import Held, Inexact, Moves, Resampled
 from activetouch.perception.contacts.hypotheses import cell_of
 from activetouch.perception.moving import moving_model, turning_kernel, turns
 from activetouch.poses import WorldObject, hamilton_product
@@ -266,3 +266,23 @@ def test_how_an_object_lies_is_how_it_lies_after_its_moves():
     found = sensor.pose("cone", images, poses)
     np.testing.assert_allclose(found.probs, evidence.probs[sensor.shape_labels.index("cone")], atol=1e-9)
     assert found.error(obj.orientation) < 40.0  # cells alone, not the images of all touches together
+
+
+@pytest.mark.parametrize("presentation", [Resampled(), Held()])
+def test_touches_of_an_object_that_lies_anew_have_its_shape_and_size_in_common(presentation):
+    scene = replace(COARSE, presentation=presentation)
+    with pytest.warns(SceneShift, match="presentation"):
+        sensor = TactileSensor.shipped("coarse", scene)
+    model, rng = replace(sensor.model, drift=0.0), np.random.default_rng(0)
+    world = TouchWorld.sample(sensor, ["cylinder"], rng)
+    touches = [world.touch(pose, rng) for pose in (0, 3, 3)]
+    found = model.start()
+    for touch in touches:
+        found = found.update(touch)
+
+    likely = np.exp([model.scores_of(touch, model.embedding_of(touch)) for touch in touches], dtype=np.float64)
+    sizes = scene.hypotheses(model.num_hypotheses).sizes
+    bins = np.digitize(sizes, np.linspace(*scene.variation.size.support, 9)[1:-1])
+    every = [np.prod(likely[:, :, bins == place].mean(axis=2), axis=0) * (bins == place).mean() for place in range(8)]
+    expected = np.log(np.sum(every, axis=0))
+    np.testing.assert_allclose(found.log_likelihood, expected - expected.max(), rtol=0, atol=1e-5)

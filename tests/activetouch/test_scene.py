@@ -86,8 +86,8 @@ def test_an_upright_object_stands_within_its_tilt(rng):
 def test_a_held_object_shows_the_pad_a_side_in_every_touch(rng):
     exact = replace(STILL, presentation=Held(error=0.0))
     thing = exact.sample_object("cube", rng)
-    for pose in range(3):  # a face, whatever the pose turns
-        depth = exact.press(thing, pose, rng).contact.pressure
+    for _ in range(3):
+        depth = exact.press(thing, "front", rng).contact.pressure
         assert np.ptp(depth[depth > 0.0]) < 1e-3 * depth.max()
     axes = to_matrices(Held(error=0.1).rests(3000))[:, 0]
     sides = np.column_stack([axes, -axes]).argmax(axis=1)
