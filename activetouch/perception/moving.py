@@ -69,7 +69,7 @@ def moving_model(model: ArrayModel, scene: Scene) -> ArrayModel:
         return model
     number, moves = model.num_hypotheses, scene.moves
     if isinstance(scene.presentation, ANEW):
-        return MovingBodyModel.of(replace(model, correlation=0.0), 1.0, anew_kernel(scene, scene.hypotheses(number)))
+        return MovingBodyModel.of(model, 1.0, anew_kernel(scene, scene.hypotheses(number)))
     error = missed_by(scene, number)
     if not (error or moves):
         return model

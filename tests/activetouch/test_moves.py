@@ -273,7 +273,7 @@ def test_touches_of_an_object_that_lies_anew_have_its_shape_and_size_in_common(p
     scene = replace(COARSE, presentation=presentation)
     with pytest.warns(SceneShift, match="presentation"):
         sensor = TactileSensor.shipped("coarse", scene)
-    model, rng = replace(sensor.model, drift=0.0), np.random.default_rng(0)
+    model, rng = replace(sensor.model, drift=0.0, correlation=0.0), np.random.default_rng(0)
     world = TouchWorld.sample(sensor, ["cylinder"], rng)
     touches = [world.touch(pose, rng) for pose in (0, 3, 3)]
     found = model.start()
