@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from abc import abstractmethod
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
@@ -25,6 +27,7 @@ _NUM_DIRECTIONS = 32  # in which the hull of what faces the pad is exact, beside
 _LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
 MOST_FORCE = (2.0, 1.0)
 """A guarded move fails if it holds more than this factor times its threshold, plus this many newtons."""
+_ONE_PRESS_AT_A_TIME = threading.Lock()  # the rigs are shared by the threads of the process
 
 
 class SteppedPress(Press):
@@ -50,6 +53,15 @@ class SteppedPress(Press):
                 f"speed × timestep must be in (0, {_LONGEST_STEP} m], or the object could pass through the pad in one "
                 f"step; got {self.speed} m/s × {self.timestep} s"
             )
+
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
+        """See :class:`Press`; ``target_force`` is the threshold of a guarded move. Threads wait for each other."""
+        with _ONE_PRESS_AT_A_TIME:
+            return self._press(pad, placement, target_force)
+
+    @abstractmethod
+    def _press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
+        """The contact in the pause, by the shared rig of the shape."""
 
     def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel:
         """See :class:`Press`."""
@@ -105,8 +117,7 @@ class Dynamic(SteppedPress):
     traced: bool = False
     surroundings: Surroundings | None = field(default=None, repr=False, metadata={"changes_touches": False})
 
-    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
-        """See :class:`Press`."""
+    def _press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         from mujoco import mj_step
 
         rig, withdrawn, gap, touching = self._begin(pad, placement, target_force)
@@ -182,8 +193,7 @@ class GuardedMove(SteppedPress):
     rotation_time: float = 0.2
     surroundings: Surroundings | None = field(default=None, repr=False, metadata={"changes_touches": False})
 
-    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
-        """See :class:`Press`; ``target_force`` is the threshold."""
+    def _press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         rig, withdrawn, gap, touching = self._begin(pad, placement, target_force)
         advance = self.timestep * self.speed
         skipped = rig.skip_approach(withdrawn, self.speed, touching) if target_force > 0.0 else 0

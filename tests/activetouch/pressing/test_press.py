@@ -1,6 +1,7 @@
 """Real presses in MuJoCo: every shape in every pose, misses, extremes."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -167,3 +168,14 @@ def test_a_controlled_press_is_not_carried_beyond_its_force_at_any_speed(speed, 
         for shape in SHAPES.values():
             contact = Dynamic(speed=speed).press(PAD, Placement(shape, 1.0, random_orientation(rng)), target_force)
             assert contact.force <= 1.101 * target_force
+
+
+@pytest.mark.parametrize("press", [Dynamic(), GuardedMove()])
+def test_threads_press_as_one_thread_does(press, rng):
+    """Rigs are shared: two presses at a time mixed their forces, or ended the process."""
+    force = 2.0 if isinstance(press, Dynamic) else 0.5
+    placements = [Placement(SHAPES["cone"], 1.0, random_orientation(rng)) for _ in range(24)]
+    expected = [press.press(PAD, placement, force).force for placement in placements]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda placement: press.press(PAD, placement, force).force, placements))
+    assert found == expected
