@@ -109,6 +109,8 @@ ABOVE_ZERO = Within(0.0, math.inf, open_low=True, open_high=True)
 NOT_NEGATIVE = Within(0.0, math.inf, open_high=True)
 FINITE = Within(-math.inf, math.inf, open_low=True, open_high=True)
 FRACTION = Within(0.0, 1.0, open_low=True, open_high=True)
+SHARE = Within(0.0, 1.0, open_low=True)
+BELOW_ONE = Within(0.0, 1.0, open_high=True)
 # Types with a rule; a count of none is zero, a fraction is in (0, 1), a share in (0, 1], a probability in [0, 1].
 Count: TypeAlias = Annotated[int, Within(1, MOST_COUNT)]
 CountOrNone: TypeAlias = Annotated[int, Within(0, MOST_COUNT)]
@@ -116,7 +118,7 @@ Positive: TypeAlias = Annotated[float, ABOVE_ZERO]
 NotNegative: TypeAlias = Annotated[float, NOT_NEGATIVE]
 Finite: TypeAlias = Annotated[float, FINITE]
 Fraction: TypeAlias = Annotated[float, FRACTION]
-Share: TypeAlias = Annotated[float, Within(0.0, 1.0, open_low=True)]
+Share: TypeAlias = Annotated[float, SHARE]
 Probability: TypeAlias = Annotated[float, Within(0.0, 1.0)]
 
 

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.composition import AtMostOne, Composition, Counts
+from belief.constraints import BELOW_ONE, require_rule
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
-from belief.validation import MOST_REPEATED, Floats, are_finite, as_real, require_count, require_number, warn_of_probs
+from belief.validation import MOST_REPEATED, Floats, are_finite, as_real, require_count, warn_of_probs
 
 WHO_GIVES_LOGITS = (
     ", only features, which a joint observation model reads. Logits come from the reader: Touch(pose, logits, "
@@ -247,7 +248,7 @@ class SearchProblem:
                 "unsure_reward must be None, or at least -1 (a wrong answer) and below 1 (a success), "
                 f"got {self.unsure_reward!r}"
             )
-        require_number("unlisted", self.unlisted, 0.0, np.nextafter(1.0, 0.0))
+        require_rule("unlisted", self.unlisted, BELOW_ONE)
         if self.opinion is not None:
             from belief.opinion import as_opinion
 

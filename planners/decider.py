@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +138,17 @@ class Decision:
     scores: Mapping[str, float] = field(default_factory=dict)
 
 
+class HasScores(Protocol):
+    """A decision of any kind of search: a dataclass with an action and scores."""
+
+    @property
+    def scores(self) -> Mapping[str, float]:
+        """Named numbers that explain the action."""
+
+
+AnyDecision = TypeVar("AnyDecision", bound=HasScores)
+
+
 class TableMismatch(ActiveTouchError, ValueError):
     """A decider's table has other numbers of poses or shapes than the search."""
 
@@ -217,6 +228,7 @@ class SequentialDecider:
         return self.stopping.stop(info) or self.probing.choose(info, rng)
 
 
+_MADE = "make_decider('information_gain', model.outcome_table(), model)"
 _WORKS = "a decider returns Decision(Probe(pose)), Decision(Confirm()) or Decision(Reject())"
 
 
@@ -247,7 +259,22 @@ Decision(Confirm()) or Decision(Reject())
             raise BadDecision(f"{who} Unsure(), which this search does not have: set SearchProblem(unsure_reward=0.0)")
     elif not isinstance(action, Confirm | Reject):
         raise BadDecision(f"{who} the action {action!r}; {_WORKS}")
-    return _with_plain_scores(decision, who)
+    return with_plain_scores(decision, who)
+
+
+def require_decider(decider: Any, method: str = "decide", works: str = _MADE) -> None:
+    """Raise InvalidArgument unless an object, and no class, has the method that is asked for actions.
+
+    >>> require_decider(SequentialDecider)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: a decider must be an object with a method decide, such as \
+make_decider('information_gain', model.outcome_table(), model); got <class 'planners.decider.SequentialDecider'>
+    """
+    if isinstance(decider, type) or not callable(getattr(decider, method, None)):
+        raise InvalidArgument(
+            f"a decider must be an object with a method {method}, such as {works}; got {decider!r:.80}"
+        )
 
 
 def _pose(pose: Any, problem: SearchProblem, who: str) -> int:
@@ -263,7 +290,8 @@ def _pose(pose: Any, problem: SearchProblem, who: str) -> int:
         ) from error
 
 
-def _with_plain_scores(decision: Decision, who: str) -> Decision:
+def with_plain_scores(decision: AnyDecision, who: str) -> AnyDecision:
+    """The decision with floats as its scores; raises BadDecision if they are not named, finite numbers."""
     scores = decision.scores
     if not isinstance(scores, Mapping):
         raise BadDecision(f"{who} with the scores {scores!r}; scores are named numbers, such as {{'value': 0.5}}")
@@ -275,4 +303,5 @@ def _with_plain_scores(decision: Decision, who: str) -> Decision:
         raise BadDecision(f"{who} with the score {wrong[0]!r}: {scores[wrong[0]]!r}; scores are named, finite numbers")
     if all(isinstance(value, float) for value in values):
         return decision
-    return replace(decision, scores={name: float(value) for name, value in scores.items()})
+    plain: Any = decision
+    return cast(AnyDecision, replace(plain, scores={name: float(value) for name, value in scores.items()}))

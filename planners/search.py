@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.composition import Composition
+from belief.constraints import SHARE, require_rule
 from belief.errors import BrokenContract, InvalidArgument
 from belief.naming import UNLISTED, Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Confirm, Probe, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneBelief
 from belief.seeding import checked_key, touch_rng
-from belief.validation import Floats
-from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider
+from belief.validation import Floats, require_count
+from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider, require_decider
 from planners.episode import Episode
 from planners.probing import ShapeInformationGain
 from planners.session import Session, likeliest
@@ -250,8 +251,11 @@ def naming_session(
     >>> str(session.outcome), session.answer, session.stated > 0.95
     ('confirmed', 'shape_2', True)
     """
-    if threshold is not None and not 0.0 < threshold <= 1.0:
-        raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
+    if isinstance(decider, type) or not isinstance(decider, ProbeSelector):
+        require_decider(decider)
+    if threshold is not None:
+        require_rule("threshold", threshold, SHARE)
+    require_count("max_touches", max_touches)
     labels, poses = tuple(model.shape_labels), tuple(pose_labels)
     rules = {"touch_limit": max_touches, "unsure_reward": 0.0, "unlisted": unlisted, "opinion": opinion}
     problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, **rules)  # type: ignore[arg-type]

@@ -42,7 +42,7 @@ from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch, Unsur
 from belief.scene_belief import SceneView
 from belief.search_progress import Outcome, SearchProgress
 from belief.validation import require_index
-from planners.decider import Decider, Decision, InformationState, checked_decision
+from planners.decider import Decider, Decision, InformationState, checked_decision, require_decider
 from planners.episode import ACTION_NAMES, ACTIONS, MOVED, Episode, Step
 from planners.session_log import AlreadyTold as AlreadyTold  # documented here
 from planners.session_log import (
@@ -123,6 +123,7 @@ class Session(AskAndTell):
         least_area: float | None = None,
         prior: Belief | None = None,
     ) -> None:
+        require_decider(decider)
         self._abstains = arrangement is None if abstain is None else abstain
         if self._abstains:
             from planners.abstaining import Abstaining
@@ -519,6 +520,14 @@ class Session(AskAndTell):
 
     def _learn(self, truth: Mapping[str, Any]) -> None:
         self.arrangement = self._shapes(truth["arrangement"])
+
+    def _learn_first(self, header: Mapping[str, Any]) -> None:
+        if any(shape is not None for shape in header["arrangement"]):
+            self._learn(header)
+
+    @property
+    def _truth(self) -> dict[str, Any]:
+        return {}
 
     def _shapes(self, arrangement: Sequence[Name | None]) -> tuple[int, ...]:
         labels, number = self.problem.shape_labels, self.problem.num_objects

@@ -172,7 +172,7 @@ def test_unlisted_shapes_need_a_model_that_weighs_them_and_a_probability_below_o
     with pytest.raises(InvalidArgument, match="Told cannot weigh whether an object has none of the shapes"):
         SceneBelief(SearchProblem(LABELS, ("p",), 2, unlisted=0.05), Told())
     for wrong in (1.0, -0.1, np.nan):
-        with pytest.raises(InvalidArgument, match="unlisted"):
+        with pytest.raises(InvalidArgument, match=r"unlisted must be a number in \[0, 1\), got"):
             SearchProblem(LABELS, ("p",), 2, unlisted=wrong)
 
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from belief import Confirm, Probe, Reject, SearchProblem, Unsure
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, InvalidArgument
 from belief.synthetic import SyntheticWorld
-from planners import Decision, Outcome, search
+from planners import Decision, Outcome, Session, search
 from planners.decider import BadDecision
 from planners.probing import FixedOrder
+from planners.search import naming_session
 from planners.stopping import PosteriorThresholds, StopOverride
 
 
@@ -66,6 +67,16 @@ def test_what_is_no_decision_is_an_error_that_says_who_answered_what(what, wrap,
     answer = NO_DECISIONS[what]
     named = answer.action if isinstance(answer, Decision) and answer.scores == {} else answer
     assert isinstance(answer, Decision) or repr(named) in str(caught.value)
+
+
+@pytest.mark.parametrize("decider", [None, 5, object(), Answers, FixedOrder(), FixedOrder])
+def test_what_is_no_decider_is_refused_before_it_is_asked(decider, model):
+    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4)
+    with pytest.raises(InvalidArgument, match="must be an object with a method decide, such as make_decider"):
+        Session(problem, decider, 0, model)
+    if not isinstance(decider, FixedOrder):  # which selects poses
+        with pytest.raises(InvalidArgument, match="must be an object with a method decide"):
+            naming_session(decider, model, ("p0", "p1", "p2"))
 
 
 def test_an_action_by_itself_is_told_what_works(model):

@@ -11,7 +11,7 @@ from benchmarks.tabular_model import TabularModel
 from planners import make_decider, search
 from planners.decider import SequentialDecider
 from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
-from planners.search import identify
+from planners.search import identify, naming_session
 from planners.stopping import PosteriorThresholds
 
 POSES = ("a", "b", "c")
@@ -48,9 +48,15 @@ def test_information_gain_needs_fewer_touches_than_a_random_order(model):
     assert numbers[ShapeInformationGain] < numbers[RandomOrder]
 
 
-@pytest.mark.parametrize("threshold", [0.0, 1.1, np.nan])
+@pytest.mark.parametrize("max_touches", [None, 0, 2.5, "3"])
+def test_a_number_of_touches_that_is_none_is_refused(model, max_touches):
+    with pytest.raises(InvalidArgument, match="max_touches must be an integer, at least 1, got"):
+        naming_session(RandomOrder(), model, POSES, max_touches=max_touches)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 1.1, np.nan, "0.9"])
 def test_a_threshold_out_of_range_is_refused(model, threshold):
-    with pytest.raises(InvalidArgument, match="threshold must be in"):
+    with pytest.raises(InvalidArgument, match=r"threshold must be a number in \(0, 1\]"):
         identify(SyntheticWorld(model, [1]), RandomOrder(), model, POSES, 0, threshold)
 
 
