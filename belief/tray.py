@@ -360,6 +360,27 @@ class TrayBelief:
         if not are_finite(*self.size) or min(self.cells) < 1:
             raise InvalidArgument(f"a tray has cells of {self.table.pitch:g} m: size {shown(self.size)} m holds none")
         object.__setattr__(self, "intensity", self._prior())
+        self._require_room()
+
+    def _require_room(self) -> None:
+        """Raise InvalidArgument where no objects as said can lie in the tray: the target, and others beside it."""
+        is_target = self.table.shape_of == self.target
+        needs = (self.present > 0.0, is_target, "the target"), (self._has_others, ~is_target, "another shape")
+        for is_needed, rows, what in needs:
+            if is_needed and not rows.any():
+                raise InvalidArgument(
+                    f"{self.num_objects} objects, and the target with a probability of {self.present:g}: others have "
+                    f"other shapes, and {self.table.labels[self.target]} is the only one; give more shapes, or one "
+                    "object and present=1"
+                )
+            if is_needed and not self.intensity[rows].any():
+                raise InvalidArgument(
+                    f"the tray of {self.size[0]:g} x {self.size[1]:g} m is too small for {what}: is its size in m?"
+                )
+
+    @property
+    def _has_others(self) -> bool:
+        return self.num_objects > 1 or self.present < 1.0
 
     def require(self, touch: PlaceTouch) -> None:
         """Raise InvalidArgument for a touch that does not fit the tray and its table, or is not finite."""

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
@@ -151,6 +151,15 @@ class AskAndTell(ABC):
     def _learn(self, truth: Mapping[str, Any]) -> None:
         """Take over the truth that a line of the log reveals."""
 
+    @abstractmethod
+    def _learn_first(self, header: Mapping[str, Any]) -> None:
+        """Take over the truth of the first line of a log that no later line reveals."""
+
+    @property
+    @abstractmethod
+    def _truth(self) -> dict[str, Any]:
+        """What is known to be true and is not in :attr:`set_up`, as JSON types; empty for nothing."""
+
     def _seeded(self) -> np.random.Generator:
         """The decider's generator before the first question."""
         return deciding_rng(self.seed)
@@ -198,7 +207,8 @@ class AskAndTell(ABC):
         from belief.journal import Journal
 
         header = {"schema": self.schema, "time": time.time(), **self.set_up}
-        journal = Journal.create(Path(path).resolve(), [header, *map(self._line, self._events)])
+        truth = [self._revealed(self._truth)] if self._truth else []
+        journal = Journal.create(Path(path).resolve(), [header, *map(self._line, self._events), *truth])
         self.close()
         self._journal = journal
 
@@ -228,6 +238,7 @@ class AskAndTell(ABC):
                 truths = [line for line in lines if line["told"] == "truth"]
                 told = [line for line in lines if line["told"] != "truth"]
                 self._restore([None if line["told"] == "undo" else self._answer_from(line) for line in told])
+                self._learn_first(header)
                 if truths:
                     self._learn(truths[-1])
         except BaseException:
@@ -264,7 +275,11 @@ class AskAndTell(ABC):
     def _reveal(self, **truth: Any) -> None:
         """Write what is true, which is no evidence."""
         if self._journal is not None:
-            self._journal.append({"told": "truth", **truth, "time": time.time()})
+            self._journal.append(self._revealed(truth))
+
+    @staticmethod
+    def _revealed(truth: Mapping[str, Any]) -> dict[str, Any]:
+        return {"told": "truth", **truth, "time": time.time()}
 
     def _line(self, told: Told | None) -> dict[str, Any]:
         return {"told": "undo", "time": time.time()} if told is None else self._fields(told)
@@ -284,8 +299,9 @@ class AskAndTell(ABC):
             self._rng = self._seeded()
 
     def _require_step(self, step: int | None) -> None:
-        if step is not None and (type(step) is not int or not 0 <= step <= self.step):
-            raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
+        is_whole = isinstance(step, Integral) and not isinstance(step, bool)
+        if step is not None and not (is_whole and 0 <= step <= self.step):
+            raise InvalidArgument(f"step must be the integer {self.step}, which was asked, got {step!r}")
         if step is not None and step < self.step:
             raise AlreadyTold(f"step {step} was answered before, the session is at step {self.step}; nothing changed")
 
@@ -385,6 +401,9 @@ def require_same(header: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]
     if header.get("stop_rule", now["stop_rule"]) != now["stop_rule"]:  # older logs have none, and no decider
         raise OtherModel("the session began with another certificate, or without one; give the same again")
     of_search = {name: value for name, value in header.items() if name not in _NOT_OF_THE_SEARCH}
+    truths = [fields.get("arrangement", ()) for fields in (header, now)]
+    if all(any(shape is not None for shape in truth) for truth in truths):  # it may be unknown in one of them
+        of_search["arrangement"] = header["arrangement"]
     if other := differences(of_search, now):
         return other
     if other := differences({"decider": header.get("decider", now["decider"])}, now):

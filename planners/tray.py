@@ -7,18 +7,20 @@ A decider sees a :class:`belief.tray.TrayBelief` and where the pad is, and answe
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from numbers import Integral, Real
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.constraints import Checked, Count, NotNegative, Share
+from belief.constraints import Checked, Count, NotNegative, Probability, Share, Within
 from belief.problem import Reject, Unsure
 from belief.tray import Found, PlaceTable, TrayBelief, World, convolved
 from belief.validation import Floats
+from planners.decider import BadDecision, with_plain_scores
 
 _FEW = 32  # hypotheses of an object that outcomes are drawn from
 _LEAST = 0.002  # probability of being the target above which an object is examined
@@ -76,6 +78,43 @@ class TrayDecider(Protocol):
 
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
         """A press, from where the pad is (x, y) [m]."""
+
+
+_WORKS = "a decider of a tray returns TrayDecision(Press(cell)), ConfirmAt(place), Reject() or Unsure() as its action"
+
+
+def checked_decision(decision: Any, decider: object, belief: TrayBelief) -> TrayDecision:
+    """The decision with Python numbers in place of numpy's; raises BadDecision if it is not one of this tray.
+
+    >>> checked_decision(None, None, None)
+    Traceback (most recent call last):
+    ...
+    planners.decider.BadDecision: the decider NoneType answered None; a decider of a tray returns \
+TrayDecision(Press(cell)), ConfirmAt(place), Reject() or Unsure() as its action
+    """
+    who = f"the decider {type(decider).__name__} answered"
+    action = decision.action if isinstance(decision, TrayDecision) else None
+    if isinstance(action, Press):
+        wanted = f"{who} {action!r:.80}; a cell is two integers, in [0, {belief.cells[0]}) and [0, {belief.cells[1]})"
+        action = Press(_pair(action.cell, Integral, belief.cells, wanted))
+    elif isinstance(action, ConfirmAt):
+        wanted = f"{who} {action!r:.80}; a place is (x, y), in the tray of {belief.size[0]} x {belief.size[1]} m"
+        action = ConfirmAt(_pair(action.place, Real, belief.size, wanted))
+    elif not isinstance(action, Reject | Unsure):
+        raise BadDecision(f"{who} {decision!r:.80}; {_WORKS}")
+    return with_plain_scores(replace(decision, action=action), who)
+
+
+def _pair(given: Any, kind: Any, limits: tuple[float, float], wanted: str) -> Any:
+    """Two numbers from 0 to limits, of which integers stay below; raises BadDecision with the words for others."""
+    pair = tuple(given) if isinstance(given, Iterable) else ()
+    if len(pair) != 2 or not all(isinstance(one, kind) and not isinstance(one, bool) for one in pair):
+        raise BadDecision(wanted)
+    whole = kind is Integral
+    plain = [int(one) if whole else float(one) for one in pair]
+    if not all(0 <= one <= limit - whole for one, limit in zip(plain, limits, strict=True)):  # NaN fails too
+        raise BadDecision(wanted)
+    return tuple(plain)
 
 
 class Standing(NamedTuple):
@@ -164,7 +203,7 @@ class PlaceOutcomes:
 
 
 @dataclass(frozen=True, eq=False)
-class InformationPerCost:
+class InformationPerCost(Checked):
     """Presses where the expected information about the answer, divided by the cost of the press, is largest.
 
     The answer is which object is the target, or that it was not found yet, or that it is absent. Two kinds of presses
@@ -178,7 +217,7 @@ class InformationPerCost:
 
     rules: TrayRules
     outcomes: PlaceOutcomes
-    first_share: float = 0.4
+    first_share: Probability = 0.4
 
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
         """See :class:`TrayDecider`."""
@@ -270,7 +309,7 @@ class InformationPerCost:
 
 
 @dataclass(frozen=True, eq=False)
-class RasterThenIdentify:
+class RasterThenIdentify(Checked):
     """Presses on rows of a raster, and touches every new object until its shape is named: the usual way.
 
     Attributes:
@@ -283,9 +322,9 @@ class RasterThenIdentify:
 
     rules: TrayRules
     outcomes: PlaceOutcomes
-    named: float = 0.95
-    spacing: float = 0.036
-    most_touches: int = 20
+    named: Share = 0.95
+    spacing: Annotated[float, Within(1e-3, 10.0, unit=" m")] = 0.036
+    most_touches: Count = 20
 
     def choose(self, belief: TrayBelief, at: tuple[float, float], rng: np.random.Generator) -> TrayDecision:
         """See :class:`TrayDecider`."""
@@ -364,7 +403,7 @@ def cover(belief: TrayBelief, world: World) -> tuple[Floats, Floats]:
         rows = np.flatnonzero((table.shape_of == belief.target) == is_target)
         kind = np.arange(len(table.labels)) == belief.target
         places = shapes[kind == is_target].sum(axis=0)
-        hit = np.tensordot(table.prior[rows], table.hit[rows], 1) / table.prior[rows].sum()
+        hit = np.tensordot(table.prior[rows], table.hit[rows], 1) / max(float(table.prior[rows].sum()), 1e-300)
         kinds.append(shown * convolved(places / max(float(places.sum()), 1e-300), hit))
     return kinds[0], kinds[1]
 

@@ -18,6 +18,7 @@ from belief.search_progress import Outcome
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.tray import PlaceTouch, TrayBelief
 from belief.validation import are_finite, checked_values
+from planners.decider import require_decider
 from planners.session_log import AskAndTell, Told, decider_fields
 from planners.tray import (
     ConfirmAt,
@@ -25,6 +26,7 @@ from planners.tray import (
     TrayDecider,
     TrayDecision,
     TrayRules,
+    checked_decision,
     standing_of,
     stated,
     stop,
@@ -133,6 +135,7 @@ class TraySession(AskAndTell):
         reader: TrayReader | None = None,
     ) -> None:
         super().__init__(seed)
+        require_decider(decider, "choose", "sensor.decider('information_per_cost')")
         self._start, self.decider, self.rules, self.reader = belief, decider, rules, reader
         self.objects: tuple[Lies, ...] = ()
         self._rewind()
@@ -172,9 +175,13 @@ class TraySession(AskAndTell):
         """The action that :meth:`ask` returns, with the scores that explain it."""
         if self._asked is None and self._answer is None:
             answer = self.stopped()
-            self._asked = TrayDecision(answer) if answer else self.decider.choose(self.belief, self.at, self._rng)
+            self._asked = TrayDecision(answer) if answer else self._chosen()
         asked: TrayDecision | None = self._asked
         return asked
+
+    def _chosen(self) -> TrayDecision:
+        found = self.decider.choose(self.belief, self.at, self._rng)
+        return checked_decision(found, self.decider, self.belief)
 
     def stopped(self) -> ConfirmAt | Reject | Unsure | None:
         """The answer that ends the search; None as long as none is probable enough."""
@@ -260,6 +267,10 @@ class TraySession(AskAndTell):
         self.objects = found
 
     @property
+    def _truth(self) -> dict[str, Any]:
+        return {"objects": [list(one) for one in self.objects]} if self.objects else {}
+
+    @property
     def episode(self) -> TrayEpisode:
         """The record of the search; raises InvalidArgument before it has ended."""
         if self._answer is None:
@@ -304,6 +315,9 @@ class TraySession(AskAndTell):
     def _lies(self, objects: Sequence[Any]) -> tuple[Lies, ...]:
         """The objects that :meth:`reveal` is given, or that a log has, checked."""
         labels, found = self.belief.table.labels, list[Lies]()
+        parts = objects if isinstance(objects, Iterable) else (objects,)
+        if odd := [part for part in parts if isinstance(part, str) or not isinstance(part, Iterable)]:
+            raise InvalidArgument(f"objects are a list such as [('cube', 0.1, 0.05)], got {shown(odd[0])} for one")
         for label, *place in objects:
             named = label if label == NONE_OF_THESE else labels[index_of("shape", labels, label)]
             found.append((named, *self._within(named, place)))
@@ -363,10 +377,13 @@ class TraySession(AskAndTell):
     def _learn(self, truth: Mapping[str, Any]) -> None:
         self.objects = self._lies(truth["objects"])
 
+    def _learn_first(self, header: Mapping[str, Any]) -> None:
+        """Nothing: the first line of a log has no objects."""
+
 
 def _require_height(height: Any) -> None:
     """Check the height of a contact."""
-    if not (are_finite(height) and 0.0 < height <= _HIGHEST):
+    if isinstance(height, bool) or not (are_finite(height) and 0.0 < height <= _HIGHEST):
         given = shown(height) + ": is it in mm?" * (are_finite(height) and height > 0.0)
         raise InvalidArgument(f"the height of a contact is above the floor, in (0, 1] m, got {given}")
 

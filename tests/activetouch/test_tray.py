@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,8 +39,9 @@ from experiments.search.drawer.drawer import Drawer
 from experiments.search.drawer.searches import Searches
 from experiments.search.play import Setting
 from planners.certified import Certificate, NotCertified
+from planners.decider import BadDecision
 from planners.session_log import AlreadyTold, OtherModel
-from planners.tray import ConfirmAt, Press, Standing, TrayRules, raster, standing_of, stated, stop
+from planners.tray import ConfirmAt, Press, Standing, TrayDecision, TrayRules, raster, standing_of, stated, stop
 from planners.tray_session import TraySession
 
 _SMALL = Tray(size=(0.13, 0.1), num_objects=1, present=0.6)
@@ -325,7 +327,7 @@ def test_a_session_refuses_what_makes_no_sense(sensor):
     for wrong in ({}, {"image": image}, {"height": 0.01}, {"missed": True, "height": 0.01}):
         with pytest.raises(InvalidArgument, match="missed=True"):
             session.tell(**wrong)
-    for height in (0.0, -1.0, np.nan, np.inf, "0.01", [0.01], 10**5000):
+    for height in (0.0, -1.0, np.nan, np.inf, "0.01", [0.01], 10**5000, True):
         with pytest.raises(InvalidArgument, match="above the floor"):
             session.tell(image, height)
     with pytest.raises(InvalidArgument, match=r"in \(0, 1\] m, got 25.0: is it in mm\?"):
@@ -335,6 +337,9 @@ def test_a_session_refuses_what_makes_no_sense(sensor):
             session.tell(missed=True, place=place)
         with pytest.raises(InvalidArgument, match="in the tray"):
             session.reveal([("cube", *place) if isinstance(place, tuple) else ("cube", place)])
+    for objects in (["cube"], "cube", None, [5]):
+        with pytest.raises(InvalidArgument, match="objects are a list such as"):
+            session.reveal(objects)
     assert not session.steps
     session.reveal([(1, 0.05, 0.05)])
     assert session.objects == (("cube", 0.05, 0.05),)
@@ -350,6 +355,93 @@ def test_a_session_refuses_what_makes_no_sense(sensor):
     blind.reader = SimpleNamespace(identity="", read=lambda image: (np.full(4, np.nan), None))
     with pytest.raises(ValueError, match="the embedding that the reader made must be finite"):
         blind.tell(image, 0.01)
+
+
+class Answers:
+    """Answers the same whenever it is asked."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def choose(self, belief, at, rng):
+        return self.answer
+
+
+@pytest.mark.parametrize(
+    ("answer", "action"),
+    [
+        (TrayDecision(Press((np.int64(3), np.uint8(4))), {"gain": np.float32(0.5), "more": 1}), Press((3, 4))),
+        (TrayDecision(Press([3, 4])), Press((3, 4))),
+        (TrayDecision(ConfirmAt((np.float32(0.0625), 0))), ConfirmAt((0.0625, 0.0))),
+        (TrayDecision(Reject()), Reject()),
+    ],
+)
+def test_a_decider_may_answer_with_numbers_of_numpy(sensor, answer, action, tmp_path):
+    session = sensor.session("cube", Answers(answer), log=tmp_path / "log")
+    assert session.ask() == action
+    session.tell(missed=True) if isinstance(action, Press) else session.tell()
+    session.close()
+    resumed = sensor.session("cube", Answers(answer), log=tmp_path / "log")
+    assert (resumed.step, resumed.outcome) == (1, session.outcome)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        None,  # which would look like the end of the search
+        "touch",
+        Press((3, 4)),
+        TrayDecision("touch"),
+        TrayDecision(Reject),
+        *(TrayDecision(Press(cell)) for cell in (5, (3,), (-1, 0), (10**4, 0), (1.5, 2), (True, 2), "ab", (None, 1))),
+        *(TrayDecision(ConfirmAt(place)) for place in (0.1, (9.0, 9.0), (np.nan, 0.1), ("a", 0.1), (0.1, 0.1, 0.1))),
+        *(TrayDecision(Reject(), scores) for scores in ({"gain": np.nan}, {"gain": "x"}, {1: 0.5}, None)),
+    ],
+)
+def test_what_is_no_decision_of_the_tray_is_refused_when_it_is_asked_for(sensor, answer):
+    session = sensor.session("cube", Answers(answer))
+    with pytest.raises(BadDecision, match="the decider Answers answered"):
+        session.ask()
+    assert (session.outcome, session.step) == (None, 0)
+
+
+@pytest.mark.parametrize("decider", [None, 5, object(), Answers, SimpleNamespace(decide=print)])
+def test_what_is_no_decider_of_a_tray_is_refused_at_the_start(sensor, decider):
+    with pytest.raises(InvalidArgument, match="an object with a method choose, such as"):
+        sensor.session("cube", decider)
+
+
+@pytest.mark.parametrize("settings", ["spacing=0", "spacing=-1", "spacing=1e-9", "named=2", "most_touches=0"])
+def test_settings_of_a_raster_have_their_ranges(sensor, settings):
+    with pytest.raises(InvalidArgument, match=settings.split("=")[0]):
+        sensor.session("cube", f"raster({settings})")
+
+
+def test_the_truth_of_before_the_log_is_in_it(sensor, tmp_path):
+    session = sensor.session("cube")
+    session.tell(missed=True)
+    session.reveal([("cube", 0.05, 0.06)])
+    session.save(tmp_path / "log")
+    session.close()
+    resumed = sensor.session("cube", log=tmp_path / "log")
+    assert resumed.objects == session.objects == (("cube", 0.05, 0.06),)
+
+
+def test_a_tray_of_one_shape_holds_one_object(sensor):
+    shapes = {"cube": SHAPES["cube"]}
+    alone = TraySensor.shipped("coarse", shapes, Tray(size=(0.13, 0.1), num_objects=1, present=1.0))
+    session = alone.session("cube")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        while isinstance(session.ask(), Press) and session.step < 8:
+            session.tell(missed=True)
+    assert len({step.place for step in session.steps}) == 8
+    assert session.decision.scores["gain"] > 0.0
+    for other in ({"num_objects": 2}, {"present": 0.9}, {"num_objects": 2, "unlisted": 0.5}):
+        with pytest.raises(InvalidArgument, match="cube is the only one; give more shapes"):
+            replace(alone, tray=replace(alone.tray, **other)).session("cube")
+    with pytest.raises(InvalidArgument, match=r"0.02 x 0.1 m is too small for the target: is its size in m\?"):
+        replace(sensor, tray=replace(sensor.tray, size=(0.02, 0.1))).session("cube")
 
 
 def test_touches_elsewhere_than_asked_are_evidence(sensor):

@@ -284,6 +284,33 @@ def test_revealed_shapes_are_in_the_log(tmp_path):
     assert Session.load(tmp_path / "log", model=MODEL, decider=decider()).arrangement == (-1, 2, 0, -1)
 
 
+@pytest.mark.parametrize("is_given", [True, False])
+def test_true_shapes_of_before_the_log_are_in_it_whoever_goes_on_with_it(is_given, tmp_path):
+    shapes = ["shape_3", "shape_2", None, None] if is_given else None
+    session = begun(abstain=True, arrangement=shapes)
+    if not is_given:
+        session.reveal(["shape_3", "shape_2", None, None])
+    session.save(tmp_path / "log")
+    session.close()
+    resumed = begun(abstain=True)
+    resumed.resume(tmp_path / "log")
+    assert resumed.arrangement == (3, 2, UNKNOWN, UNKNOWN)
+    resumed.reveal([0, 2, 1, 3])
+    resumed.close()
+    same = begun(abstain=True, arrangement=["shape_3", "shape_2", None, None])
+    same.resume(tmp_path / "log")
+    assert same.arrangement == (0, 2, 1, 3)
+    same.close()
+    with pytest.raises(InvalidArgument, match="another search: its arrangement is"):
+        begun(abstain=True, arrangement=[1, 2, 3, 0]).resume(tmp_path / "log")
+    unknown = begun(abstain=True)
+    unknown.save(tmp_path / "unknown")
+    unknown.close()
+    known = begun(abstain=True, arrangement=[1, 2, 3, 0])
+    known.resume(tmp_path / "unknown")
+    assert known.arrangement == (1, 2, 3, 0)
+
+
 class KnowsMisses(ConfusionModel):
     """A miss says that the object is the first shape."""
 
@@ -357,7 +384,10 @@ def test_what_cannot_be_meant_is_refused_and_changes_nothing():
         with pytest.raises(error):
             session.tell(**told)
     assert (session.step, session.steps, session.belief.probs.tolist()) == (step, (), [0.25] * 4)
-    session.tell(touch, step=0)
+    for odd in (True, 0.0, "0", -1, np.int64(1)):
+        with pytest.raises(InvalidArgument, match="step must be the integer 0, which was asked"):
+            session.tell(touch, step=odd)
+    session.tell(touch, step=np.int64(0))
     with pytest.raises(AlreadyTold, match="step 0 was answered"):
         session.tell(touch, step=0)
     with pytest.raises(InvalidArgument, match="nothing was told"):
