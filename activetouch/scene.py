@@ -143,11 +143,11 @@ class Scene:
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
-        is_held = self.hand is not None and not getattr(self.press_model, "turns", False)
+        is_held = self.hand is not None and not self.press_model.lets_turn(len(self.hand))
         if self.moves is not None and (is_held or not isinstance(self.moves, Moves)):
             raise InvalidArgument(
-                f"moves must be Moves(), and a hand must close by Closing(), in which objects turn; got {self.moves!r} "
-                f"and {self.press_model!r}"
+                "moves must be Moves(), and a hand must close by Closing(), in which objects turn, one finger by "
+                f"Closing(grip=0.01); got {self.moves!r} and {self.press_model!r}"
             )
         if self.pad.layout is not None and getattr(self.press_model, "moves", False):
             raise InvalidArgument(f"a pad with a layout is pressed by Quasistatic(), not by {self.press_model!r:.80}")

@@ -35,7 +35,7 @@ from activetouch.pressing.rig import (
     stop_clock,
 )
 from activetouch.solids.solid import Floats
-from belief.constraints import NOT_NEGATIVE, Within, require_rule
+from belief.constraints import Within, require_rule
 
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
@@ -44,6 +44,7 @@ _MOST_FORCE = 50.0  # largest force of a sliding finger's servo [N]
 _TORSION = 0.003  # friction of a pad's contact against turning about its normal, relative to that against sliding [m]
 _STICKS = (0.004, 1.0)  # settings of that friction: soft friction lets a body creep
 _LIGHT = 0.05  # force that a finger keeps until the others touch, too [N]
+_SERVO = Within(0.0, _MOST_FORCE, unit=" N")
 _GRIP = Within(1e-6, 1e3, unit=" N m")
 _CALM = 0.001  # speed of a body that rests [m/s]
 _BLUE = (0.3, 0.5, 0.75, 1)
@@ -229,14 +230,18 @@ class Closing(Dynamic):
         if self.grip is not None:
             require_rule("grip", self.grip, _GRIP)
 
+    def lets_turn(self, num_fingers: int) -> bool:
+        """See :class:`activetouch.pressing.contact.Press`."""
+        return self.turns and (num_fingers > 1 or self.grip is not None)
+
     def close(
         self, pad: Pad, met: Sequence[Placement], fingers: Floats, centre: Floats, forces: Sequence[float]
     ) -> Grasp:
         """See :class:`activetouch.pressing.contact.Press`."""
-        if len(met) == 1 and not (self.turns and self.grip):  # the palm holds the body
+        if len(met) == 1 and not self.lets_turn(1):  # the palm holds the body
             return super().close(pad, met, fingers, centre, forces)
         for force in forces:
-            require_rule("target_force", force, NOT_NEGATIVE)
+            require_rule("target_force", force, _SERVO)
         return self.settle(SlidingPads(self, pad, met, fingers, centre), met[0], np.asarray(forces, float))
 
     def settle(self, gripper: Gripper, placement: Placement, forces: Floats, watch: Watch | None = None) -> Grasp:

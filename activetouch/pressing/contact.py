@@ -320,6 +320,10 @@ class Press(Protocol):
         """Whether it can close the fingers of a hand; where nothing moves, each presses by itself."""
         return not self.moves
 
+    def lets_turn(self, num_fingers: int) -> bool:
+        """Whether a body may turn where so many fingers close on it."""
+        return False
+
     @abstractmethod
     def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """The contact in the pause, where the motion stops at ``target_force`` [N]; its force is 0 for a miss."""

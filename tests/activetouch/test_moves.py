@@ -100,6 +100,17 @@ def test_a_hand_that_holds_an_object_lets_none_move():
         replace(COARSE, moves=0.2)
 
 
+@pytest.mark.mujoco
+def test_one_finger_lets_an_object_turn_only_with_a_grip():
+    from activetouch.pressing.closing import Closing
+
+    for held in (Closing(), Closing(grip=0.01, turns=False)):
+        with pytest.raises(InvalidArgument, match=r"one finger by Closing\(grip=0.01\)"):
+            replace(COARSE.with_hand("one_finger", held), moves=Moves())
+    scene = replace(COARSE.with_hand("one_finger", Closing(grip=0.01)), moves=Moves())
+    assert scene.moves == Moves()
+
+
 def test_a_hand_that_lets_no_object_turn_leaves_it_as_it_lay():
     scene, rng = COARSE.with_hand("parallel"), np.random.default_rng(0)
     obj = scene.sample_object("cube", rng)

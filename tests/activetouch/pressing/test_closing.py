@@ -96,6 +96,12 @@ def test_a_grip_is_a_torque():
             Closing(grip=wrong)
 
 
+def test_a_force_beyond_that_of_the_servos_is_refused():
+    hand, placement = Hand.parallel(), Placement(EXTENDED_SHAPES["cube"], 1.0, np.array([1.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(InvalidArgument, match=r"target_force must be a number in \[0, 50\] N, got 200"):
+        Closing().close(COARSE.pad, hand.placements(placement, 0.0), hand.rotations, np.zeros(3), [200.0, 200.0])
+
+
 def test_a_finger_that_misses_a_body_that_slips_out_and_an_empty_hand_are_legal():
     ball = replace(COARSE, shapes={"ball": Sphere(0.010)})
     for aim, touching in [((0.0, 0.1), 0), ((0.026, 0.0), 0)]:  # nothing there; one finger pushes it out of the hand
