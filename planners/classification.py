@@ -19,6 +19,7 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from numbers import Number, Real
 from typing import Annotated, Any
@@ -415,6 +416,9 @@ class Case(Tabular):
 
     def __init__(self, task: ActiveClassification, session: Session) -> None:
         self._task, self.session = task, session
+
+    def __copy__(self) -> Case:
+        return Case(self._task, copy(self.session))  # a copy goes on by itself
 
     def __repr__(self) -> str:
         return one_line(type(self), f"{self.answer!r}, probability {self.stated:.2f}, cost {self.cost:g}")

@@ -127,9 +127,9 @@ class OutcomeCode(FrozenArrays):
             columns = tuple(tuple(places.get(column, column) for column in own) for own in each)
         indices = {column for own in columns for column in own}
         is_known = indices <= set(range(table.shape[1])) and all(isinstance(one, Integral) for one in indices)
-        if not columns or not all(columns) or not is_known:
+        if not columns or not all(columns) or not is_known or any(len(set(own)) < len(own) for own in columns):
             raise InvalidArgument(
-                f"groups must be columns of each action, {few(list(places)) or f'below {table.shape[1]}'}, "
+                f"groups must be different columns of each action, {few(list(places)) or f'below {table.shape[1]}'}, "
                 f"got {groups!r:.80}"
             )
         most = int(np.clip(round(_BINS * len(table) ** (1 / 3)), 4, 16)) if num_bins is None else num_bins

@@ -1,6 +1,8 @@
 """The door for whoever knows nothing of touch: cases, actions, outcomes; what is asked, named, stated and promised."""
 
+import copy
 import csv
+import pickle
 import warnings
 from dataclasses import replace
 from types import SimpleNamespace
@@ -293,7 +295,8 @@ def test_a_case_that_no_class_can_have_is_named():
         ({"num_contexts": ()}, "num_contexts must"),
         ({"num_contexts": 10**9}, "num_contexts must .* at most 100"),
         ({"num_bins": -1}, "num_bins must"),
-        ({"groups": [[0.0], [1]]}, "groups must be columns"),
+        ({"groups": [[0.0], [1]]}, "groups must be different columns"),
+        ({"groups": [[0, 0], [1]]}, "groups must be different columns of each action, below 2, got"),
         ({"seed": -1}, "seeds and keys must be"),
         ({"cases": np.ones((8, 70)), "groups": [range(70)], "num_bins": 2}, None),
         ({"cases": np.arange(8)[:, None] + np.arange(70), "groups": [range(70)]}, "70 columns of an action have"),
@@ -555,6 +558,16 @@ def test_what_was_told_last_can_be_taken_back(task):
     assert (case.taken, case.cost, case.ask()) == ((), 0.0, first)
 
 
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda case: pickle.loads(pickle.dumps(case))])
+def test_a_copy_of_a_case_goes_on_by_itself(copied, task):
+    case = task.start()
+    case.tell(1)
+    twin = copied(case)
+    assert (twin.taken, twin.ask(), twin.answer) == (case.taken, case.ask(), case.answer)
+    twin.undo()
+    assert (len(case.taken), twin.taken) == (1, ())
+
+
 def test_an_action_is_told_once_where_another_try_tells_nothing_new(task):
     case = task.start()
     case.tell(None, "blood")
@@ -655,5 +668,5 @@ def test_an_action_of_several_columns_is_named_by_them_and_told_as_many_values()
             case.tell(told, 1)
     case.tell(["1.5", "yes"], 1)
     assert case.answer == "ill"
-    with pytest.raises(InvalidArgument, match="groups must be columns of each action, age, crp, fever, got"):
+    with pytest.raises(InvalidArgument, match="groups must be different columns of each action, age, crp, fever, got"):
         ActiveClassification.from_cases(rows, labels, groups=[["age"], ["crb"]])
