@@ -251,7 +251,13 @@ class AskAndTell(ABC):
     def begun(self, log: str | Path | None) -> Self:
         """This session with a log: a new one, or one that it goes on with (:meth:`resume`)."""
         if log is not None:
-            (self.resume if Path(log).exists() else self.save)(log)
+            from belief.files import cannot_write
+
+            try:
+                is_there = Path(log).exists()
+            except OSError as error:  # such as of a name that is too long
+                raise cannot_write(Path(log), error) from error
+            (self.resume if is_there else self.save)(log)
         return self
 
     def close(self) -> None:

@@ -284,6 +284,11 @@ def test_revealed_shapes_are_in_the_log(tmp_path):
     assert Session.load(tmp_path / "log", model=MODEL, decider=decider()).arrangement == (-1, 2, 0, -1)
 
 
+def test_a_log_whose_name_is_too_long_cannot_be_written(tmp_path):
+    with pytest.raises(CannotWrite, match="cannot be written: File name too long"):
+        begun().begun(tmp_path / ("x" * 300))
+
+
 @pytest.mark.parametrize("is_given", [True, False])
 def test_true_shapes_of_before_the_log_are_in_it_whoever_goes_on_with_it(is_given, tmp_path):
     shapes = ["shape_3", "shape_2", None, None] if is_given else None
