@@ -142,14 +142,14 @@ def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
 def require(
     valid: NDArray[np.bool_], values: NDArray[np.floating], name: str, cause: str, row: tuple[int, ...] = ()
 ) -> None:
-    """Raise ValueError with the cause and the first row that is not valid, if there is one.
+    """Raise InvalidArgument with the cause and the first row that is not valid, if there is one.
 
     ``valid`` is a mask of the numbers ``(..., K)`` or of the rows ``(..., 1)``; ``row`` is the index of ``values`` in
     the argument ``name``.
     """
     if not valid.all():
         first = tuple(int(i) for i in np.argwhere(~valid)[0][:-1])
-        raise ValueError(f"{name}{at(row + first)} holds {cause}: {values[first].tolist()}")
+        raise InvalidArgument(f"{name}{at(row + first)} holds {cause}: {values[first].tolist()}")
 
 
 def at(row: tuple[int, ...]) -> str:
@@ -187,7 +187,7 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
     """
     values = np.asarray(as_real(probs, name), np.float64)
     if values.ndim == 0 or values.size == 0:
-        raise ValueError(f"{name} needs at least one axis, none of them empty, got shape {values.shape}")
+        raise InvalidArgument(f"{name} needs at least one axis, none of them empty, got shape {values.shape}")
     with np.errstate(over="ignore", invalid="ignore"):
         totals = np.add.reduce(values, axis=axis, keepdims=True)
         off = np.abs(totals - 1.0)
@@ -218,10 +218,10 @@ def finite_logits(logits: ArrayLike) -> Floats:
     with np.errstate(over="ignore"):  # a long double may become infinite, which is an error
         z = np.asarray(as_real(logits, "logits"), np.float64)
     if z.ndim == 0 or z.size == 0:
-        raise ValueError(f"need logits (..., K), none of the axes empty; got shape {z.shape}")
+        raise InvalidArgument(f"need logits (..., K), none of the axes empty; got shape {z.shape}")
     if not (np.isfinite(z.max()) and np.isfinite(z.min())):
         row = tuple(np.argwhere(~np.isfinite(z))[0, :-1].tolist())
-        raise ValueError(f"logits{at(row)} are not finite: {z[row].tolist()}")
+        raise InvalidArgument(f"logits{at(row)} are not finite: {z[row].tolist()}")
     return z
 
 
@@ -250,7 +250,7 @@ def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArr
     """Logits ``(n, K)`` and labels ``(n,)``, checked."""
     shape, num_labels = np.shape(logits), np.shape(labels)
     if len(shape) != 2 or 0 in shape or num_labels != shape[:1]:
-        raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {num_labels}")
+        raise InvalidArgument(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {num_labels}")
     if shape[1] == 1 and set(np.unique(labels).tolist()) == {0, 1}:
         raise InvalidArgument(
             "logits have one column, and labels are 0 and 1: logits_from_probs makes two of a sigmoid's"
@@ -262,7 +262,7 @@ def checked_probs(probs: ArrayLike) -> Floats:
     """Predicted distributions ``(n, K)`` as float64, renormalised where they sum to one within 2e-3."""
     p = np.asarray(as_real(probs, "probs"), np.float64)
     if p.ndim != 2 or p.size == 0:
-        raise ValueError(f"need probs (n, K) with n ≥ 1 and K ≥ 1, got shape {p.shape}")
+        raise InvalidArgument(f"need probs (n, K) with n ≥ 1 and K ≥ 1, got shape {p.shape}")
     return normalise_probs(p)
 
 
@@ -270,7 +270,7 @@ def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[n
     """Predicted distributions ``(n, K)``, as from :func:`checked_probs`, and true shapes ``(n,)`` as int64."""
     p = checked_probs(probs)
     if np.shape(labels) != (len(p),):
-        raise ValueError(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {np.shape(labels)}")
+        raise InvalidArgument(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {np.shape(labels)}")
     return p, checked_indices("labels", labels, p.shape[1])
 
 
@@ -283,7 +283,7 @@ def checked_values(name: str, values: ArrayLike) -> Floats:
     bad = ~(np.abs(x) <= LARGEST_VALUE)
     if bad.any():
         place = tuple(np.argwhere(bad)[0].tolist())
-        raise ValueError(f"{name} must be finite and within ±{LARGEST_VALUE:g}, got {x[place]} at {list(place)}")
+        raise InvalidArgument(f"{name} must be finite and within ±{LARGEST_VALUE:g}, got {x[place]} at {list(place)}")
     return x
 
 
@@ -293,11 +293,11 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
     if x.dtype.kind not in "fiub":
         raise InvalidArgument(f"{name} must be right (1) or wrong (0), got an array of {x.dtype}")
     if x.ndim != 1 or x.size == 0:
-        raise ValueError(f"{name} must hold one outcome per episode, at least one; got shape {x.shape}")
+        raise InvalidArgument(f"{name} must hold one outcome per episode, at least one; got shape {x.shape}")
     bad = ~((x == 0) | (x == 1))
     if bad.any():
         row = int(np.argmax(bad))
-        raise ValueError(f"{name} must be right (1) or wrong (0), got {x[row]}{at((row,))}")
+        raise InvalidArgument(f"{name} must be right (1) or wrong (0), got {x[row]}{at((row,))}")
     return x.astype(np.bool_)
 
 

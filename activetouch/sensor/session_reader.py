@@ -20,7 +20,7 @@ from belief.errors import InvalidArgument
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import Elsewhere, Touch
-from belief.validation import are_finite
+from belief.validation import are_finite, as_real, unmasked
 
 if TYPE_CHECKING:
     from activetouch.pose_belief import PoseBelief
@@ -134,7 +134,11 @@ class RecordedRowReader:
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, float | None]:
         """The row ``(F,)`` as numbers, the touch that it shows, and 0 if it could be one of no contact, else None."""
-        row, size = np.asarray(image, np.float64), self.reader.num_features
+        size = self.reader.num_features
+        try:
+            row = np.asarray(as_real(image, "image"), np.float64)
+        except ValueError as error:  # also of lists of different lengths
+            raise InvalidArgument(f"image must be a row of {size} features of the recordings: {error}") from error
         if row.shape != (size,):
             raise InvalidArgument(f"image must be a row of {size} features of the recordings, got {row.shape}")
         touch = self.touches(row[None], [pose])[0]
@@ -155,8 +159,8 @@ def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]
     """
     wanted = f"an image must be {shape} whole numbers from 0 to 255"
     try:
-        given = np.asarray(image)
-    except (ValueError, OverflowError) as error:  # lists of different lengths
+        given = unmasked(image, "it")
+    except (ValueError, OverflowError) as error:  # also of lists of different lengths
         raise InvalidArgument(f"{wanted}: {error}") from error
     if given.shape != shape or given.dtype.kind not in "uif":
         raise InvalidArgument(f"{wanted}, got {given.dtype} {given.shape}")

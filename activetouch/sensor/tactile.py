@@ -176,7 +176,10 @@ class TactileSensor(Searching):
 
             return RecordedSensor.read_folder(folder)
         if not isinstance(scene, Scene):
-            raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
+            without = f"; only recorded touches need none, and {folder} holds no {RECORDED_FILE}" * (scene is None)
+            raise InvalidArgument(
+                f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}{without}"
+            )
         full, scene = scene, replace(scene, moves=None)  # readers and fits are those of objects that stay
         plan = cls.nested_plan(scene, independent, nested)
         asks = (bool(unknown_state) and not doubting) or plan is not None

@@ -26,6 +26,7 @@ from belief.codec import OPTIONAL
 from belief.conflict import MOST_TOUCHES, ConflictTest, ObjectConflict
 from belief.constraints import Count, check
 from belief.errors import InvalidArgument
+from belief.naming import few
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel, Reads
@@ -134,6 +135,8 @@ class ActionKernelModel(ArrayModel):
 
     def among(self, labels: Sequence[str], poses: Sequence[int] | None = None) -> ActionKernelModel:
         """The model for some of the shapes, and of the poses, numbered anew; its touches have only logits."""
+        if isinstance(labels, str) or not len(labels):
+            raise InvalidArgument(f"labels must be a list of one or more of {few(self.shape_labels)}, got {labels!r}")
         if unknown := [label for label in labels if label not in self.shape_labels]:
             raise InvalidArgument(f"the model does not know {unknown}, it knows {', '.join(self.shape_labels)}")
         columns = [self.shape_labels.index(label) for label in labels]

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import activetouch
@@ -46,6 +47,14 @@ def test_wrong_arguments_are_named():
         sensor.search("cube", "information_gian")
     with pytest.raises(InvalidArgument, match="seed"):
         sensor.search("cube", seed=-1)
+
+
+def test_an_image_with_masked_taxels_is_refused():
+    session = TactileSensor.shipped("coarse").session("cone")
+    masked = np.ma.masked_array(np.full((4, 4), 40), np.eye(4, dtype=bool))
+    with pytest.raises(InvalidArgument, match=r"an image must be \(4, 4\) whole numbers.*must not be masked"):
+        session.tell(image=masked)
+    assert session.step == 0
 
 
 def test_a_sensor_searches_among_other_objects_of_exact_size_without_training(few_hypotheses, tmp_path):

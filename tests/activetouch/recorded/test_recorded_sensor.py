@@ -68,7 +68,7 @@ def test_what_needs_a_scene_refuses_a_sensor_of_recorded_touches(sensor, tmp_pat
     ):
         with pytest.raises(WrongScene, match=r"no scene simulates recorded touches.*session\(TARGET\)"):
             needs()
-    with pytest.raises(InvalidArgument, match="must be a Scene"):
+    with pytest.raises(InvalidArgument, match=r"must be a Scene.*holds no recorded_reader.safetensors"):
         TactileSensor.load(tmp_path.parent)
 
 
@@ -85,8 +85,8 @@ def test_a_search_touches_objects_that_the_observation_model_draws(sensor):
     [
         (np.zeros((1, 3)), ["press"], InvalidArgument, r"features \(f0, f1, f2, f3\) must be \(1, 4\).*got \(1, 3\)"),
         (np.zeros((2, 4)), ["press"], InvalidArgument, r"must be \(1, 4\).*got \(2, 4\)"),
-        (np.full((1, 4), np.nan), ["press"], ValueError, "features.*not finite"),
-        (np.full((1, 4), -1e101), ["press"], ValueError, "features.*1e[+]100"),
+        (np.full((1, 4), np.nan), ["press"], InvalidArgument, "features.*not finite"),
+        (np.full((1, 4), -1e101), ["press"], InvalidArgument, "features.*1e[+]100"),
         (np.zeros((1, 4)), ["pres"], UnknownName, "press"),
         (np.zeros((1, 4)), [2], InvalidArgument, "action must be in"),
     ],
@@ -94,6 +94,34 @@ def test_a_search_touches_objects_that_the_observation_model_draws(sensor):
 def test_features_that_are_not_those_of_the_recordings_are_refused(sensor, features, actions, error, said):
     with pytest.raises(error, match=said):
         sensor.read(features, actions)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        ["a", "b", "c", "d"],
+        ["1", "2", "3", "4"],
+        [1j, 0.0, 0.0, 0.0],
+        {"f0": 1.0},
+        [[1.0], [2.0, 3.0]],
+        [None, 0.0, 0.0, 0.0],
+        [np.nan, 0.0, 0.0, 0.0],
+        np.ma.masked_array([0.0, 1.0, 2.0, 3.0], [True, False, False, False]),
+        [0.0, 1.0, 2.0],
+    ],
+)
+def test_a_row_that_a_session_cannot_read_is_refused_and_changes_nothing(sensor, row):
+    session = sensor.session("mug")
+    asked = session.ask()
+    with pytest.raises(InvalidArgument, match=r"image must|features"):
+        session.tell(image=row)
+    assert (session.step, session.ask()) == (0, asked)
+
+
+@pytest.mark.parametrize("labels", [[], "mug", ["mug", "spoon"], ["mug", "mug"]])
+def test_a_sensor_is_among_some_of_its_own_labels(sensor, labels):
+    with pytest.raises(InvalidArgument, match=r"one or more of mug|does not know \['spoon'\]|must differ"):
+        sensor.among(labels)
 
 
 def test_no_touches_are_read_as_none(sensor):
