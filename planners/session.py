@@ -487,7 +487,7 @@ class Session(AskAndTell):
         if touch is not None:
             line["pose"] = poses[touch.pose]
             line |= {} if touch.elsewhere is None else {"place": list(touch.elsewhere.place)}
-        arrays["image"] = told.image
+        arrays["image"] = touch.image if told.image is None and touch is not None else told.image
         line |= {name: array_field(array) for name, array in arrays.items() if array is not None}
         return line | {name: value for name in ("force", "area") if (value := getattr(told, name)) is not None}
 
@@ -509,7 +509,8 @@ class Session(AskAndTell):
                     "a touch was made at a place that is no pose; give the reader that the session began with"
                 )
             elsewhere = reader.at({"place": line["place"]})[1] if "place" in line and reader is not None else None
-            touch = Touch(at, logits, features, elsewhere)
+            is_seen = kind == "touch" and image is not None and image.dtype == np.uint8  # rows of features are not
+            touch = Touch(at, logits, features, elsewhere, image if is_seen else None)
         if kind != "miss" and (touch is None) == (kind == "touch"):
             raise ValueError("a touch needs a pose, and an action that is no touch has none")
         force, area = (_not_negative(name, line.get(name)) for name in ("force", "area"))
