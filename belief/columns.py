@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import ActiveTouchError, InvalidArgument
-from belief.files import plain_number, read_npz, require_regular_file
+from belief.files import decimal_mark, plain_number, read_npz, require_regular_file
 from belief.naming import few
 from belief.validation import Floats
 
@@ -32,7 +32,6 @@ MOST_BYTES = 256 * 2**20
 MOST_ROWS, MOST_NUMBERS, MOST_CHARACTERS = 2**20, 2**24, 2**26
 """Most rows of a table, most of its numbers, and most characters of a column of names, each as long as the longest."""
 _LONGEST_LINE = 2**22
-_DECIMAL = re.compile(r"\s*[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?\s*")
 _ENDS_A_LINE = re.compile("[\0\v\f\x1a\x1c-\x1e\x85\u2028\u2029\ufeff]")
 
 
@@ -207,8 +206,8 @@ def _with_points(rows: Iterable[tuple[int, list[str]]]) -> Iterator[tuple[int, l
     marks = dict[str, str]()
     for number, cells in rows:
         for i, cell in enumerate(cells):
-            if found := _DECIMAL.fullmatch(cell):
-                marks[found[1]] = cell
+            if mark := decimal_mark(cell):
+                marks[mark] = cell
                 cells[i] = cell.replace(",", ".")
         if len(marks) > 1:
             raise InvalidArgument(

@@ -31,6 +31,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 BINARY = getattr(os, "O_BINARY", 0)
 """Flag of files opened by number: without it, Windows writes other line ends than it is given."""
+_DECIMAL = re.compile(r"\s*[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?\s*", re.ASCII)
 
 
 @contextmanager
@@ -297,6 +298,11 @@ def plain_number(text: str) -> float:
     except ValueError:
         pass
     raise ValueError(f"{text[:40]!r} is not a decimal number")
+
+
+def decimal_mark(text: str) -> str:
+    """The mark before the decimals of a text that is a number, a point or a comma; empty for any other text."""
+    return found[1] if (found := _DECIMAL.fullmatch(text)) else ""
 
 
 def source_digest(thing: object) -> str:

@@ -19,7 +19,7 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
-from belief.files import plain_number
+from belief.files import decimal_mark, plain_number
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names, few
 from belief.observation_model.context_model import MISSING, ContextModel, log_products
@@ -466,7 +466,7 @@ def as_table(values: ArrayLike, words: Sequence[Sequence[str]] = (), names: Sequ
                 )
             if not known and number is None:
                 hint = "missing values are NaN, None or empty, and a column of words has no numbers"
-                hint = "decimals have a point" if _has_decimal_comma(cell) else hint
+                hint = "decimals have a point" if decimal_mark(str(cell)) == "," else hint
                 raise InvalidArgument(f"{_called(column, names)} is {cell!r:.40}{at((i,))}, no number; {hint}")
             found[i, column] = known[str(cell).strip()] if known else number
         cells = found
@@ -492,7 +492,7 @@ def _words(values: ArrayLike) -> tuple[tuple[str, ...], ...]:
     for index, column in enumerate(np.asarray(values, object).T):
         known = [cell for cell in column.tolist() if not _is_missing(cell)]
         is_words = bool(known) and all(isinstance(cell, str) and _number(cell) is None for cell in known)
-        is_words = is_words and not all(map(_has_decimal_comma, known))
+        is_words = is_words and not all(decimal_mark(cell) == "," for cell in known)
         words = sorted({cell.strip() for cell in known}) if is_words else []
         if len(words) > _MOST_WORDS:
             raise InvalidArgument(
@@ -506,10 +506,6 @@ def _words(values: ArrayLike) -> tuple[tuple[str, ...], ...]:
 def _called(column: int, names: Sequence[str]) -> str:
     """A column in a message."""
     return repr(names[column]) if names else f"column {column} of cases"
-
-
-def _has_decimal_comma(cell: Any) -> bool:
-    return isinstance(cell, str) and cell.count(",") == 1 and _number(cell.replace(",", ".")) is not None
 
 
 def _is_missing(cell: Any) -> bool:
