@@ -87,7 +87,7 @@ class TraySearchEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         given = (options or {}).get("target", self.target)
         self._index = int(self.np_random.integers(len(labels))) if given is None else index_of("target", labels, given)
         self._touched = self.sensor.touched(self._index, key)
-        self._session = self.sensor.session(self._index, seed=(key, self._index, 1))
+        self._session = self.sensor.session(self._index, seed=key)
         return self._observed(), self._info()
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:

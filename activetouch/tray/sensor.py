@@ -302,8 +302,8 @@ class TraySensor:
         It asks for what :meth:`search` with the same seed would do, given the same touches. With a ``log``, all that is
         told is on disk before the next question; if the file exists, its search goes on.
         """
-        key, belief = checked_key(seed), self.belief(target)
-        key = (*key, belief.target, 1) if len(key) == 1 else key
+        belief = self.belief(target)
+        key = (*checked_key(seed), belief.target, 1)
         return TraySession(belief, self.decider(decider), self.rules, key, self).begun(log)
 
     def search(
@@ -317,7 +317,7 @@ class TraySensor:
         index = index_of("target", self.shape_labels, target)
         touched = self.touched(index, key)
         world, lay = touched.world, touched.world.lay
-        session = self.session(index, decider, (*key, index, 1))
+        session = self.session(index, decider, key)
         while (action := session.ask()) is not None:
             if isinstance(action, Press):
                 session.tell_met(touched.press(*session.place()))

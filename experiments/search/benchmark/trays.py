@@ -56,8 +56,7 @@ class TrayTask(Checked):
     def _played(self, key: tuple[int, int], target: str, decider: Any) -> tuple[Played, Seconds]:
         sensor = self.made
         grid = sensor.grid
-        index = sensor.shape_labels.index(target)
-        session = sensor.session(target, decider, (*key, index, 1))
+        session = sensor.session(target, decider, key)
         touched, felt = sensor.touched(target, key), hashlib.sha256()
         actions, probs, seconds, clock = list[int | str](), list[float](), Seconds(), time.perf_counter
         start = clock()
