@@ -7,9 +7,9 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from experiments.search.drawer.searches import Searches
 from experiments.search.play import Seconds, Setting
 from planners.episode import ACTION_NAMES
 from planners.tray import ConfirmAt, Press, TrayDecision, stated
-from planners.tray_session import OUTCOMES, PLACELESS, TrayAction, ended, is_right
+from planners.tray_session import OUTCOMES, PLACELESS, Lies, TrayAction, ended, is_right
 
 _CONFIRM = "confirm "  # with the number of the cell in which the target is said to be
 
@@ -96,22 +96,17 @@ class TrayTask(Checked):
         if len(presses) > sensor.rules.most_touches:
             return f"it has more than {sensor.rules.most_touches} touches"
         way = [(0.0, 0.0), *(grid.centre(one.cell) for one in presses if isinstance(one, Press))]
-        success = is_right(*ended(answer), _lay(sensor, target, key), target)
+        success = is_right(*ended(answer), _lay(self, target, key), target)
         cost = len(presses) + sensor.rules.travel * sum(map(math.dist, way, way[1:]))
         outcome = OUTCOMES[type(answer)]
         reward = 0.0 if outcome is Outcome.UNSURE else 1.0 if success else -1.0
         return outcome, success, len(presses), reward - self.touch_cost * cost
 
 
-_LAYS: WeakKeyDictionary[TraySensor, dict[tuple[str, tuple[int, int]], Any]] = WeakKeyDictionary()
-"""How the objects of searches lie, drawn once for all files of a task."""
-
-
-def _lay(sensor: TraySensor, target: str, key: tuple[int, int]) -> Any:
-    known = _LAYS.setdefault(sensor, {})
-    if (target, key) not in known:
-        known[target, key] = sensor.world(target, key).lay
-    return known[target, key]
+@lru_cache(maxsize=1024)
+def _lay(task: TrayTask, target: str, key: tuple[int, int]) -> tuple[Lies, ...]:
+    """How the objects of a search lie, drawn once for all files of a task."""
+    return task.made.world(target, key).lay
 
 
 @dataclass(frozen=True)
