@@ -178,6 +178,7 @@ class _Sent:
 def _results(client: Any, address: str, tasks: Sequence[partial[Any]], description: str) -> Generator[Any, None, None]:
     """See :data:`experiments.parallel.Engine`."""
     from distributed import KilledWorker, as_completed
+    from distributed.comm import CommClosedError
 
     name, each = f"{description}-{uuid4().hex}", (code_versions(), os.getcwd())
     try:
@@ -192,22 +193,17 @@ def _results(client: Any, address: str, tasks: Sequence[partial[Any]], descripti
             futures.append(client.submit(*work, key=f"{name}-{number}"))
         if address.startswith("local:"):
             _require_worker(client)
-        ended = as_completed(futures, client.loop, with_results=True, raise_errors=False)
+        ended = as_completed(futures, client.loop)  # with results, it would fail in a thread of Dask
         del futures  # so that workers forget each result as soon as it is here
-        for future, result in ended:
-            if isinstance(result, CancelledError):
-                raise result
-            if future.status != "error":
-                yield result
-            elif not isinstance(result[1], KilledWorker):
-                raise result[1]
-            else:
-                raise ClusterFailed(
-                    "workers died one after the other at the same task, as they do without memory. Finished results "
-                    "are kept; with larger workers the same command goes on"
-                )
+        for future in ended:
+            yield future.result()
+    except KilledWorker as error:
+        raise ClusterFailed(
+            "workers died one after the other at the same task, as they do without memory. Finished results are kept; "
+            "with larger workers the same command goes on"
+        ) from error
     except (OSError, CancelledError, RuntimeError) as error:
-        is_lost = isinstance(error, CancelledError) or client.status != "running"
+        is_lost = isinstance(error, CancelledError | CommClosedError) or client.status != "running"
         if isinstance(error, ActiveTouchError) or not is_lost:
             raise
         raise ClusterFailed(

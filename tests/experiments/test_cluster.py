@@ -223,6 +223,17 @@ def test_what_is_no_scheduler_is_not_waited_for(monkeypatch):
         pass
 
 
+def test_a_scheduler_that_is_lost_while_it_sends_a_result_is_named(two_workers, monkeypatch):
+    from distributed.comm import CommClosedError
+
+    async def lost(*arguments, **named):
+        raise CommClosedError
+
+    monkeypatch.setattr("distributed.client.retry_operation", lost)
+    with pytest.raises(ClusterFailed, match=r"the connection .* was lost"), on_cluster(two_workers.address):
+        list(run_tasks([partial(os.getpid)], 1, "asking"))
+
+
 LONG = 35  # in 14 batches
 
 
