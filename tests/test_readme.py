@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.sources import with_smaller
+
 ROOT = Path(__file__).parent.parent
 
 
@@ -34,10 +36,7 @@ SHORTER = {  # what takes long is smaller here, by parts of the code; `make nigh
 
 
 def shorter(name, code):
-    for usual, small in SHORTER.get(name, {}).items():
-        assert usual in code
-        code = code.replace(usual, small)
-    return code
+    return with_smaller(code, SHORTER.get(name, {}))
 
 
 def prints_what_the_page_says(page, capsys, monkeypatch):

@@ -40,14 +40,14 @@ def run(collected, tmp_path, monkeypatch):
     """Runs a script or a command in a folder with the scripts of the benchmark and touches of a few objects."""
     pytest.importorskip("sb3_contrib")
     shutil.copy(FOLDER / "image_policy.py", tmp_path)
-    parts = (
-        ("num_envs: int = 128", "num_envs: int = 16"),
-        ("TEST_PROB = 1000", "TEST_PROB = 40"),
-        ('"batch_size": 512', '"batch_size": 64'),
-        ('"batch_size": 1024', '"batch_size": 128'),
-        ('"learning_starts": 5_000', '"learning_starts": 16'),
-    )
-    (tmp_path / "zoo.py").write_text(with_smaller(FOLDER / "zoo.py", *parts))
+    parts = {
+        "num_envs: int = 128": "num_envs: int = 16",
+        "TEST_PROB = 1000": "TEST_PROB = 40",
+        '"batch_size": 512': '"batch_size": 64',
+        '"batch_size": 1024': '"batch_size": 128',
+        '"learning_starts": 5_000': '"learning_starts": 16',
+    }
+    (tmp_path / "zoo.py").write_text(with_smaller((FOLDER / "zoo.py").read_text(), parts))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.delitem(sys.modules, "image_policy", raising=False)

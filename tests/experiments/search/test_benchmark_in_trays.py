@@ -206,13 +206,13 @@ def test_a_program_that_answers_wrongly_is_named(answer, small, tmp_path):
 @pytest.mark.nightly  # the environment and agents of one's own have tests
 def test_a_policy_learns_from_the_maps_of_a_tray_and_presses_where_it_saw_them(small, tmp_path, monkeypatch, capsys):
     pytest.importorskip("stable_baselines3")
-    parts = (
-        ('TASK, FOLDER = "drawer-v1"', 'TASK, FOLDER = "tray-v1"'),
-        ("num_envs: int = 8", "num_envs: int = 1"),
-        ("n_steps=128", "n_steps=64"),
-        ("batch_size=256", "batch_size=64"),
-    )
-    (tmp_path / "tray_policy.py").write_text(with_smaller(EXAMPLES / "tray_policy.py", *parts))
+    parts = {
+        'TASK, FOLDER = "drawer-v1"': 'TASK, FOLDER = "tray-v1"',
+        "num_envs: int = 8": "num_envs: int = 1",
+        "n_steps=128": "n_steps=64",
+        "batch_size=256": "batch_size=64",
+    }
+    (tmp_path / "tray_policy.py").write_text(with_smaller((EXAMPLES / "tray_policy.py").read_text(), parts))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["tray_policy.py", "--steps", "1", "--seeds", "3"])
