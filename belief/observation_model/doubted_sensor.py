@@ -34,7 +34,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,9 +50,6 @@ from belief.observation_model.sensor_worlds import AS_DESCRIBED, SensorHealth
 from belief.observation_model.varied_bodies import VariedBodyModel, VariedEvidence
 from belief.problem import Touch
 from belief.validation import Floats
-
-if TYPE_CHECKING:
-    from belief.touch_batch import TouchBatch
 
 UNEXPLAINED = 0.005
 """Prior probability, in doubt, that no listed or composed state of the sensor explains the touches."""
@@ -205,14 +202,6 @@ class DoubtedSensorModel(OfNominal, ArrayModel):
         given = np.zeros(number + 2 + len(self.doubts.labels) + 3) + np.asarray(log_bets, np.float64)
         return given[:number], bool(given[number] > 0.5), float(given[number + 1]), given[number + 2 :]
 
-    @property
-    def repeat_correlation(self) -> float | None:
-        """See :class:`ArrayModel`."""
-        return self.nominal.repeat_correlation
-
-    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        return self.nominal._log_likelihoods(batch)
-
 
 @dataclass(frozen=True, eq=False)
 class DoubtedEvidence(BesideNominal):
@@ -269,11 +258,6 @@ class DoubtedEvidence(BesideNominal):
     def log_likelihood(self) -> Floats:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`: as the nominal model reads the touches."""
         return self.nominal.log_likelihood
-
-    @property
-    def log_bets(self) -> Floats | None:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return self.nominal.log_bets
 
     @property
     def log_unlisted(self) -> float:

@@ -15,6 +15,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.rigid_body import FittedRigidBody
 from belief.observation_model.rigid_body_evidence import Diagnostics
 from belief.problem import Touch
+from belief.validation import Floats
 
 if TYPE_CHECKING:
     from belief.touch_batch import TouchBatch
@@ -34,6 +35,14 @@ class OfNominal:
     def num_poses(self) -> int:
         """See :class:`ArrayModel`."""
         return self.nominal.num_poses
+
+    @property
+    def repeat_correlation(self) -> float | None:
+        """See :class:`ArrayModel`."""
+        return self.nominal.repeat_correlation
+
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        return self.nominal._log_likelihoods(batch)
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         return self.nominal._sample(shape, poses, rng)
@@ -63,6 +72,11 @@ class BesideNominal(ABC):
     def num_touches(self) -> int:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
         return self.nominal.num_touches
+
+    @property
+    def log_bets(self) -> Floats | None:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return self.nominal.log_bets
 
     @abstractmethod
     def update(self, touch: Touch) -> Self:

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +39,6 @@ from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, SumsByPlace, with_touch
 from belief.problem import Touch
 from belief.validation import Floats
-
-if TYPE_CHECKING:
-    from belief.touch_batch import TouchBatch
 
 _EVERY = 4  # hypothesis of nominal proportions counts for what is expected of a touch
 SHARE = 0.04
@@ -83,14 +80,6 @@ class VariedBodyModel(OfNominal, ArrayModel):
     def start(self) -> VariedEvidence:
         """See :class:`ArrayModel`."""
         return VariedEvidence(self, self.nominal.start())
-
-    @property
-    def repeat_correlation(self) -> float | None:
-        """See :class:`ArrayModel`."""
-        return self.nominal.repeat_correlation
-
-    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        return self.nominal._log_likelihoods(batch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +131,6 @@ class VariedEvidence(BesideNominal):
     def constant(self) -> float:
         """See :class:`RigidBodyEvidence`."""
         return self.nominal.constant
-
-    @property
-    def log_bets(self) -> Floats | None:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return self.nominal.log_bets
 
     @property
     def log_unlisted(self) -> float:
