@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,16 +28,36 @@ _USUAL = 128  # of each shape with nominal proportions, for what a touch is like
 
 
 @dataclass(frozen=True, eq=False)
-class OtherProportions:
-    """Hypotheses of other proportions; see :class:`belief.observation_model.varied_bodies.VariedHypotheses`.
+class ReadsAnyObject:
+    """The reader of any object in a file, for a scene.
 
     Attributes:
-        path: of the reader of any object.
+        path: of the reader.
         scene: describes the sensor, the poses and the nominal solids.
     """
 
     path: Path
     scene: Scene
+
+    @cached_property
+    def reader(self) -> TactileReader:
+        """The reader of any object."""
+        return TactileReader.load(self.path).bound_to(self.scene)
+
+    @cached_property
+    def _hypotheses(self) -> ContactHypotheses:
+        found = self.reader.hypotheses
+        assert isinstance(found, ContactHypotheses)
+        return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The state for another process, without what can be computed anew."""
+        return {one.name: vars(self)[one.name] for one in fields(self)}
+
+
+@dataclass(frozen=True, eq=False)
+class OtherProportions(ReadsAnyObject):
+    """Hypotheses of other proportions; see :class:`belief.observation_model.varied_bodies.VariedHypotheses`."""
 
     @cached_property
     def shapes(self) -> NDArray[np.int64]:
@@ -49,21 +69,11 @@ class OtherProportions:
         """See :class:`belief.observation_model.varied_bodies.VariedHypotheses`."""
         if touch.image is None:
             return None
-        embedding = self._reader.run(touch.image[None])[0] / np.float32(_TEMPERATURE)
+        embedding = self.reader.run(touch.image[None])[0] / np.float32(_TEMPERATURE)
         place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
         table, usual = self.embedded(place)
         found = (table.reshape(-1, table.shape[-1]) @ embedding[0]).reshape(table.shape[:2])
         return np.asarray(found - np.float32(log_means((usual @ embedding[0])[None])[0]))
-
-    @cached_property
-    def _reader(self) -> TactileReader:
-        return TactileReader.load(self.path).bound_to(self.scene)
-
-    @cached_property
-    def _hypotheses(self) -> ContactHypotheses:
-        found = self._reader.hypotheses
-        assert isinstance(found, ContactHypotheses)
-        return found
 
     def embedded(self, place: int | tuple[float, ...]) -> tuple[Floats32, Floats32]:
         """Embedded hypotheses in a pose or another place, ``(V, N, D)``, and usual objects there, ``(U, D)``; kept."""
@@ -94,10 +104,6 @@ class OtherProportions:
         """The scene with solids of other proportions: those shapes alone that have them, in their order."""
         labels = [self.scene.shape_labels[index] for index in self.shapes]
         return replace(self.scene, shapes={label: Proportions(self.scene.solids[label]) for label in labels})
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The state for another process, without what can be computed anew."""
-        return {"path": self.path, "scene": self.scene}
 
 
 def with_other_proportions(model: ArrayModel, path: Path, scene: Scene) -> VariedBodyModel:

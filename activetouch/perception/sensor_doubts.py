@@ -27,12 +27,11 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from activetouch.perception.card import read_card
-from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
+from activetouch.perception.contacts.hypotheses import cell_of
 from activetouch.perception.contacts.random_views import VIEWS, log_normalisers, random_views
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, regridded, sensor_state
 from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
-from activetouch.perception.proportions import OtherProportions
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.proportions import OtherProportions, ReadsAnyObject
 from activetouch.perception.sensor_worlds import (
     BODIES,
     EmbeddedWorlds,
@@ -117,17 +116,13 @@ class _Composed(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class SensorDoubts:
+class SensorDoubts(ReadsAnyObject):
     """Doubts of the sensor of a scene; see :class:`belief.observation_model.doubted_sensor.Doubts`.
 
     Attributes:
-        path: of the reader of any object.
-        scene: describes the sensor.
         varied: hypotheses of other proportions, where objects may have them: a reason for odd touches that is no doubt.
     """
 
-    path: Path
-    scene: Scene
     varied: OtherProportions | None = None
 
     @cached_property
@@ -156,17 +151,6 @@ class SensorDoubts:
     def labels(self) -> tuple[str, ...]:
         """Names of the states beside the described one."""
         return self._listed[0]
-
-    @cached_property
-    def reader(self) -> TactileReader:
-        """The reader of any object."""
-        return TactileReader.load(self.path).bound_to(self.scene)
-
-    @cached_property
-    def _hypotheses(self) -> ContactHypotheses:
-        found = self.reader.hypotheses
-        assert isinstance(found, ContactHypotheses)
-        return found
 
     def read_again(self, touch: Touch) -> Touch:
         """See :class:`belief.observation_model.doubted_sensor.Doubts`."""
@@ -460,10 +444,6 @@ class SensorDoubts:
                 scores = scores + embedded[int(touch.pose)] @ _features(touch)
             total += np.logaddexp.reduce(scores / _SOFTER, axis=1)
         return total
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The state for another process, without what can be computed anew."""
-        return {"path": self.path, "scene": self.scene, "varied": self.varied}
 
 
 def doubted(model: ArrayModel, path: Path, scene: Scene) -> ArrayModel:
