@@ -26,9 +26,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from belief.constraints import Checked, Fraction, Probability, Within
-from belief.errors import BrokenContract, InvalidArgument
+from belief.errors import BrokenContract
 from belief.problem import Confirm, Probe, Reject, Unsure
-from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
+from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision, require_unsure
 
 CONFLICT, ANSWER = "log_conflict", "answer_prob"
 """Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""
@@ -90,10 +90,7 @@ class Abstaining(Checked):
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
-        if info.problem.unsure_reward is None:
-            raise InvalidArgument(
-                "an abstaining decider needs a search with the answer 'I do not know': SearchProblem(unsure_reward=0.0)"
-            )
+        require_unsure(info.problem, "an abstaining decider needs")
         conflict = _log_conflict(info)
         if conflict >= -log(self.false_alarm):
             return _unsure("is_conflict", {CONFLICT: conflict, "target_prob": info.target_prob})

@@ -30,7 +30,7 @@ from belief.table import Table, Tabular
 from belief.touch_fit import touch_fit
 from belief.validation import require_count, require_index, require_number
 from planners.abstaining import Abstaining
-from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
+from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision, require_unsure
 from planners.episode import Step
 from planners.session import Session
 
@@ -77,11 +77,7 @@ class Certified(Checked):
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
-        if info.problem.unsure_reward is None:
-            raise InvalidArgument(
-                "stops with a certificate need a search with the answer 'I do not know': "
-                "SearchProblem(unsure_reward=0.0)"
-            )
+        require_unsure(info.problem, "stops with a certificate need")
         wanted = checked_decision(self.decider.decide(info, rng), self.decider, info.problem)
         if info.scene is not None and (health := info.scene.sensor_health) is not None:
             wanted = replace(wanted, scores={**wanted.scores, WORLD: float(health.probs[:-1].argmax())})

@@ -184,6 +184,12 @@ def num_touches(info: InformationState) -> int:
     return sum(len(info.scene.touches(index)) for index in range(info.scene.num_objects))
 
 
+def require_unsure(problem: SearchProblem, needs: str) -> None:
+    """Check that searches have the answer "I do not know"; ``needs`` begins the message, as "a stop rule needs"."""
+    if problem.unsure_reward is None:
+        raise InvalidArgument(f"{needs} a search with the answer 'I do not know': SearchProblem(unsure_reward=0.0)")
+
+
 def are_touches_used(info: InformationState) -> bool:
     """Whether the touch limit of the search forbids another touch."""
     return num_touches(info) >= info.problem.touch_limit
