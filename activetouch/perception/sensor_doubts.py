@@ -18,7 +18,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +34,7 @@ from activetouch.perception.proportions import OtherProportions, ReadsAnyObject
 from activetouch.perception.sensor_worlds import (
     BODIES,
     EmbeddedWorlds,
+    broken_cells,
     in_unknown_state,
     listed_states,
     simulated_touches,
@@ -488,11 +488,7 @@ def _changes() -> list[tuple[str, dict[str, Any]]]:
     found += [("blur 0.05", {"blur": 0.05}), ("hysteresis 0.04", {"hysteresis": 0.04})]
     for rows, columns in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         found.append((f"shift ({0.1 * rows:+g}, {0.1 * columns:+g})", {"shift": (0.1 * rows, 0.1 * columns)}))
-    for name, (row, column) in product(("stuck", "dead"), np.ndindex(BROKEN, BROKEN)):
-        cells = np.zeros((BROKEN, BROKEN))
-        cells[row, column] = 1.0
-        found.append((f"{name} taxels in row {row + 1}, column {column + 1} of {BROKEN}", {name: cells}))
-    return found
+    return found + broken_cells()
 
 
 def _digest(touches: Sequence[Touch]) -> bytes:

@@ -66,10 +66,7 @@ def changed_worlds(imaging: Imaging, usual: SensorState) -> tuple[tuple[str, ...
     shifts = [part for part in _SHIFTS if part <= imaging.limits["shift"][1]]
     for part, (rows, columns) in product(shifts, around):
         found.append((f"shift ({rows * part:+g}, {columns * part:+g})", {"shift": (rows * part, columns * part)}))
-    for name, (row, column) in product(("stuck", "dead"), np.ndindex(BROKEN, BROKEN)):
-        cells = np.zeros((BROKEN, BROKEN))
-        cells[row, column] = 1.0
-        found.append((f"{name} taxels in row {row + 1}, column {column + 1} of {BROKEN}", {name: cells}))
+    found += broken_cells()
     for name, axis, line in product(("stuck", "dead"), (0, 1), range(BROKEN)):
         cells = np.zeros((BROKEN, BROKEN))
         cells[(line, slice(None)) if axis == 0 else (slice(None), line)] = 1.0
@@ -78,6 +75,15 @@ def changed_worlds(imaging: Imaging, usual: SensorState) -> tuple[tuple[str, ...
         found.append((f"{share:.1%} of the taxels {name}", {name: np.full((BROKEN, BROKEN), share)}))
     states = [with_changes(imaging, usual, changed) for _, changed in found]
     return tuple(label for label, _ in found), SensorState(*map(np.concatenate, zip(*states, strict=True)))
+
+
+def broken_cells() -> list[tuple[str, dict[str, Any]]]:
+    """Changes of a state by stuck or dead taxels in one cell: in words and numbers."""
+    cells = zip(np.ndindex(BROKEN, BROKEN), np.eye(BROKEN**2).reshape(-1, BROKEN, BROKEN), strict=True)
+    return [
+        (f"{name} taxels in row {row + 1}, column {column + 1} of {BROKEN}", {name: cell})
+        for name, ((row, column), cell) in product(("stuck", "dead"), cells)
+    ]
 
 
 def with_changes(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) -> SensorState:
