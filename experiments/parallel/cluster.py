@@ -178,7 +178,7 @@ class _Sent:
 def _results(client: Any, address: str, tasks: Sequence[partial[Any]], description: str) -> Generator[Any, None, None]:
     """See :data:`experiments.parallel.Engine`."""
     from distributed import KilledWorker, as_completed
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     name, each = f"{description}-{uuid4().hex}", (code_versions(), os.getcwd())
     try:

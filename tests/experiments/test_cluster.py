@@ -224,7 +224,7 @@ def test_what_is_no_scheduler_is_not_waited_for(monkeypatch):
 
 
 def test_a_scheduler_that_is_lost_while_it_sends_a_result_is_named(two_workers, monkeypatch):
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     async def lost(*arguments, **named):
         raise CommClosedError
