@@ -135,21 +135,3 @@ def test_who_cannot_doubt_its_description_says_so():
         asked_state(unknown=True, doubted=True)
     assert asked_state(unknown=False, doubted=True) is None
     assert asked_state(unknown=True, doubted=False)
-
-
-@pytest.mark.mujoco
-def test_a_session_that_goes_on_with_its_log_doubts_as_much_as_before(tmp_path, rng):
-    """Doubts read images again, which are in the log."""
-    sensor, log = TactileSensor.shipped("coarse", doubting=True), tmp_path / "log"
-    session = sensor.session("cone", log=log)
-    for pose in ("front", "y45", "corner", "z45", "y90"):
-        session.tell(image=rng.integers(256, size=(4, 4)), pose=pose)
-    session.close()
-    resumed = sensor.session("cone", log=log)
-    for felt, read in zip(session.steps, resumed.steps, strict=True):
-        np.testing.assert_array_equal(felt.touch.image, read.touch.image)
-        assert felt.belief.log_probs.tobytes() == read.belief.log_probs.tobytes()
-    assert resumed.belief.log_probs.tobytes() == session.belief.log_probs.tobytes()
-    assert resumed.scene.log_conflict == session.scene.log_conflict
-    assert str(resumed.scene.sensor_health) == str(session.scene.sensor_health) != "as described"
-    assert resumed.ask() == session.ask()
