@@ -114,8 +114,8 @@ class Held(Checked):
     """As a closing hand holds it: an axis of the object points at the pad, and another one in every touch.
 
     A hand turns a box or a cylinder until a face or its side lies on the pad. The six directions are equally probable,
-    and so are rotations about the approach axis. Poses turn the object from there, so that
-    ``front`` alone shows sides. Touches are independent given shape and size.
+    and so are rotations about the approach axis. Poses turn the object from there, so that ``front`` alone shows sides.
+    Touches are independent given shape and size.
 
     ``error`` is the standard deviation of the remaining turn about each axis [rad].
     """

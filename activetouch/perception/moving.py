@@ -82,21 +82,23 @@ def moving_model(model: ArrayModel, scene: Scene) -> ArrayModel:
 
 def anew_kernel(scene: Scene, bodies: Bodies) -> CellKernel:
     """From any of N hypotheses to any other of about its size and proportions."""
-    low, high = scene.variation.size.support
-    kept = (bodies.sizes - low) / (high - low) if high > low else np.zeros(len(bodies.sizes))
-    bins = np.minimum(kept * _BINS, _BINS - 1).astype(np.int64)
-    if scene.families:
-        bins = _BINS * bins + (bodies.shares * _BINS).astype(np.int64)
+    bins = np.zeros(len(bodies.rests), np.int64)
+    for each in _kept(scene, bodies):
+        bins = _BINS * bins + np.minimum(each * _BINS, _BINS - 1).astype(np.int64)
     used, wide = np.unique(bins, return_inverse=True)
     return CellKernel.of(np.eye(len(used)), np.ones(len(wide)), wide)
 
 
 def missing_kernel(scene: Scene, bodies: Bodies, deviation: float) -> CellKernel:
     """Turns between N hypotheses with a deviation about each axis [rad], which keep the size and the proportions."""
+    return turns(bodies.rests, deviation, deviation, np.ones(len(bodies.rests)), kept=_kept(scene, bodies))
+
+
+def _kept(scene: Scene, bodies: Bodies) -> list[Floats]:
+    """What a turn keeps of N hypotheses, numbers in [0, 1], ``(N,)`` each: sizes and places in a family that differ."""
     low, high = scene.variation.size.support
-    kept = [(bodies.sizes - low) / (high - low)] if high > low else []
-    kept += [bodies.shares] if scene.families else []
-    return turns(bodies.rests, deviation, deviation, np.ones(len(bodies.rests)), kept=kept)
+    sizes = [(bodies.sizes - low) / (high - low)] if high > low else []
+    return sizes + ([bodies.shares] if scene.families else [])
 
 
 def turning_kernel(rests: Floats, deviation: float, shares: Floats | None = None) -> CellKernel:
